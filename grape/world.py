@@ -1,0 +1,51 @@
+"""The stamped snapshot of robot and surroundings that actions read.
+
+`sense` writes the measured part each beat; actions commit results (clouds, deployment poses) under names.
+Nothing here comes from anywhere but the robot's own sensors and the site file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+from grape.errors import StaleData
+from grape.frames import FrameTree
+from grape.messages import Array, GripperState, JointState, Odometry
+from grape.site import Site
+
+
+@dataclass(kw_only=True)
+class World:
+    """What the robot knows.
+
+    Frames: map -> base_link (estimate), base_link -> arm_base, hand (measured joints), sensors.
+    """
+
+    site: Site
+    frames: FrameTree = field(default_factory=FrameTree)
+    odometry: Odometry | None = None  # estimate of base_link in map
+    localized: bool = False  # whether that estimate is good enough to drive by
+    arm: JointState | None = None
+    gripper: GripperState | None = None
+    committed: dict[str, Any] = field(default_factory=dict)  # results of actions by name, for later actions
+
+    def base_pose(self) -> Array:
+        """`T_map_base`, the newest estimate.
+
+        Raises:
+            StaleData: no estimate exists yet.
+        """
+        if self.odometry is None:
+            raise StaleData("no pose estimate yet: the filter waits for GNSS, IMU and wheels")
+        return self.odometry.pose
+
+    def joints(self) -> Array:
+        """Measured joint angles of the arm, (n,) rad.
+
+        Raises:
+            StaleData: the arm has not reported yet.
+        """
+        if self.arm is None:
+            raise StaleData("the arm has not reported its joints yet")
+        return self.arm.position
