@@ -52,6 +52,7 @@ class Reason(StrEnum):
     FEATURE_LOST = "feature_lost"
     NOT_CONVERGED = "not_converged"
     # dispensers
+    NO_PLANT_LEFT = "no_plant_left"
     FEEDER_EMPTY = "feeder_empty"
     GRASP_FAILED = "grasp_failed"
     DISPENSER_FALLEN = "dispenser_fallen"

@@ -1,0 +1,33 @@
+"""Questions that the tree asks before it acts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from grape.actions.core import Context, condition
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModeIsGoal:
+    """Attributes: mode: the plant's mode. is_: the mode to compare with."""
+
+    mode: str
+    expected: str
+
+
+@condition("ModeIs")
+def mode_is(goal: ModeIsGoal, ctx: Context) -> bool:
+    """Whether a plant is to be served in a given mode."""
+    return goal.mode == goal.expected
+
+
+@dataclass(frozen=True, kw_only=True)
+class DispensersLeftGoal:
+    """No inputs: the ledger and what the last look at the feeder said."""
+
+
+@condition("DispensersLeft")
+def dispensers_left(goal: DispensersLeftGoal, ctx: Context) -> bool:
+    """Whether the feeder or the hand still holds a dispenser, by the robot's own account."""
+    places = ctx.ledger.dispensers()
+    return places.get("hand", 0) > 0 or (places.get("feeder", 0) > 0 and not ctx.world.committed.get("feeder_empty"))

@@ -1,0 +1,77 @@
+"""Where and how to hang a dispenser, and the poses of the hand that do it.
+
+The loop is held by both nails at its middle; its long axis is y of the hand. A spur (or nail) is to pass through the
+loop on the +y side of the nail line. Source: grape's contact study (docs/decisions.md, "Contact").
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.errors import InvalidInput
+from grape.geometry import inverse, pose, rotation_x, rotation_z
+from grape.messages import Array, frozen_array
+
+AIM_OFFSET_M = 0.028  # from the nail line to where the spur passes the loop, along the hand's y
+AIM_DEPTH_M = 0.030  # how far the loop is pushed over the tip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HangTarget:
+    """One place where a dispenser can hang, valid until the base moves.
+
+    Attributes:
+        plant: id in the site file.
+        kind: nail or spur.
+        tip: (3,) m in base_link, the free end of nail or spur.
+        direction: (3,) unit vector in base_link from its base to its tip.
+        pitch: rad, how far the hand tilts from pointing down (0) towards pointing at the row (pi/2).
+        azimuth: rad about base_link z; 0 points the pitched hand to the robot's left.
+        diameter: m.
+        score: 0..1 of the list it comes from, 1 for a nail.
+    """
+
+    plant: str
+    kind: str
+    tip: Array
+    direction: Array
+    pitch: float
+    azimuth: float = 0.0
+    diameter: float = 0.008
+    score: float = 1.0
+
+    def __post_init__(self) -> None:
+        if self.kind not in ("nail", "spur"):
+            raise InvalidInput(f"kind must be 'nail' or 'spur', got {self.kind!r}")
+        for name in ("tip", "direction"):
+            value = np.asarray(getattr(self, name), float)
+            if value.shape != (3,) or not np.isfinite(value).all():
+                raise InvalidInput(f"{name} must be three finite numbers, got {value}")
+            object.__setattr__(self, name, frozen_array(value))
+
+    @property
+    def approach(self) -> Array:
+        """(3,) unit vector in base_link along which the loop backs off the tip.
+
+        Level hands slide along the nail; pitched hands come half way between the vertical and the spur's axis.
+        """
+        axis = self.direction if self.kind == "nail" else np.array([0.0, 0.0, 1.0]) + 0.6 * self.direction * [1, 1, 0]
+        return axis / np.linalg.norm(axis)
+
+    def rotation(self) -> Array:
+        """`R_base_hand` while hanging."""
+        return rotation_z(self.azimuth) @ rotation_x(self.pitch)
+
+    def hand_pose(self, T_hand_nails: Array, back_off: float = 0.0) -> Array:
+        """`T_base_hand` that holds the loop's aim point `AIM_DEPTH_M` over the tip.
+
+        Args:
+            T_hand_nails: (4, 4) the nails' mid-point in the hand at the present finger angle.
+            back_off: m back along `approach` from that final pose.
+        """
+        R = self.rotation()
+        nails = self.tip + self.approach * (back_off - AIM_DEPTH_M) - R @ [0.0, AIM_OFFSET_M, 0.0]
+        T_base_nails = pose(R, nails)
+        return T_base_nails @ inverse(pose(None, T_hand_nails[:3, 3]))
