@@ -1,0 +1,180 @@
+"""Pose of the robot in the map from wheels, IMU and GNSS."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from grape.errors import InvalidInput
+from grape.geodesy import Datum
+from grape.geometry import pose, rotation_from_rpy
+from grape.localization.ekf import Ekf, EkfOptions, Measurement, Verdict
+from grape.localization.measurements import (
+    GnssConfig,
+    ImuConfig,
+    WheelConfig,
+    base_position,
+    from_gnss,
+    from_imu,
+    from_wheels,
+)
+from grape.messages import Array, Imu, JointState, NavSatFix, Odometry
+
+UNKNOWN_VARIANCE = 1e6
+
+
+@dataclass(frozen=True, kw_only=True)
+class EstimatorOptions:
+    """Sensors, filter and the limits within which the estimate counts as ready.
+
+    Args:
+        datum: WGS84 origin of the map frame.
+        ready_position_std: m, larger of x and y.
+        ready_yaw_std: rad.
+        relocate_after: after so many refused RTK fixes in a row the filter gives up its position.
+    """
+
+    datum: Datum
+    wheels: WheelConfig = field(default_factory=WheelConfig)
+    imu: ImuConfig = field(default_factory=ImuConfig)
+    gnss: GnssConfig = field(default_factory=GnssConfig)
+    filter: EkfOptions = field(default_factory=EkfOptions)
+    ready_position_std: float = 0.10
+    ready_yaw_std: float = 0.05
+    relocate_after: int = 20
+
+
+class PoseEstimator:
+    """Fuses messages as they come and gives the pose of base_link in map at any time.
+
+    It starts with the first IMU message and the first GNSS position; before that the covariance is enormous and
+    `ready` is false.
+    """
+
+    def __init__(self, options: EstimatorOptions) -> None:
+        self.options = options
+        self.verdicts: Counter[tuple[str, str]] = Counter()  # (source, verdict) -> how often
+        self._ekf: Ekf | None = None
+        self._wheels: JointState | None = None
+        self._imu: Imu | None = None
+        self._refused_fixes = 0
+
+    @property
+    def initialized(self) -> bool:
+        """Whether a first pose exists."""
+        return self._ekf is not None
+
+    @property
+    def ready(self) -> bool:
+        """Whether the pose is known well enough to drive by."""
+        return self._ekf is not None and self._is_small(self._ekf.belief.covariance)
+
+    def ready_at(self, stamp: float) -> bool:
+        """Whether the pose extrapolated to `stamp` is known well enough; false after a long silence."""
+        return self._ekf is not None and self._is_small(self._ekf.predicted(stamp).covariance)
+
+    def advance(
+        self,
+        stamp: float,
+        *,
+        wheels: tuple[JointState, ...] = (),
+        imu: tuple[Imu, ...] = (),
+        gnss: tuple[NavSatFix, ...] = (),
+    ) -> Odometry:
+        """Fuse new messages in the order of their stamps and give the odometry of base_link in map at `stamp` (s)."""
+        for message in sorted((*wheels, *imu, *gnss), key=lambda m: m.stamp):
+            self._take(message)
+        return self.odometry(stamp)
+
+    def odometry(self, stamp: float) -> Odometry:
+        """The estimate extrapolated to `stamp`, without changing it; twist in base_link."""
+        if self._ekf is None:
+            return _unknown(stamp)
+        belief = self._ekf.predicted(stamp)
+        mean, covariance = belief.mean, belief.covariance
+        return Odometry(
+            stamp=stamp,
+            frame_id="map",
+            child_frame_id="base_link",
+            pose=pose(rotation_from_rpy(*mean[3:6]), mean[:3]),
+            linear=mean[6:9],
+            angular=mean[9:12],
+            pose_covariance=covariance[:6, :6],
+            twist_covariance=covariance[6:12, 6:12],
+        )
+
+    def _take(self, message: JointState | Imu | NavSatFix) -> None:
+        source = {JointState: "wheels", Imu: "imu", NavSatFix: "gnss"}[type(message)]
+        try:
+            measurement = self._measurement(message)
+        except InvalidInput:
+            self.verdicts[source, "invalid"] += 1
+            return
+        if measurement is None:
+            return
+        if self._ekf is None:
+            return
+        verdict = self._ekf.correct(measurement).verdict
+        self.verdicts[source, verdict] += 1
+        if isinstance(message, NavSatFix):
+            self._watch_fixes(message, verdict)
+
+    def _measurement(self, message: JointState | Imu | NavSatFix) -> Measurement | None:
+        options = self.options
+        if isinstance(message, JointState):
+            previous, self._wheels = self._wheels, message
+            return from_wheels(previous, message, options.wheels) if previous is not None else None
+        if isinstance(message, Imu):
+            previous_imu = self._imu
+            if options.imu.differential and previous_imu is None:
+                self._imu = message
+                return None
+            measurement = from_imu(message, options.imu, previous_imu)
+            self._imu = message
+            return measurement
+        measurement = from_gnss(message, options.datum, options.gnss)
+        if self._ekf is None and self._imu is not None and measurement.usable:
+            self._initialize(message, measurement)
+            return None
+        return measurement
+
+    def _initialize(self, fix: NavSatFix, measurement: Measurement) -> None:
+        assert self._imu is not None
+        attitude = from_imu(self._imu, ImuConfig(R_base_imu=self.options.imu.R_base_imu))
+        mean, std = np.zeros(15), np.full(15, 0.1)
+        mean[3:6] = attitude.value[:3]
+        mean[:3] = base_position(fix, self.options.datum, self.options.gnss, mean[3:6])
+        std[3:6] = self.options.imu.tilt_std, self.options.imu.tilt_std, self.options.imu.yaw_std
+        variance = std**2
+        variance[:3] = 1.0
+        variance[measurement.index] = np.diagonal(measurement.covariance) + 1e-4
+        self._ekf = Ekf(fix.stamp, mean, np.diag(variance), self.options.filter)
+
+    def _watch_fixes(self, fix: NavSatFix, verdict: Verdict) -> None:
+        if verdict is Verdict.ACCEPTED:
+            self._refused_fixes = 0
+        elif verdict is Verdict.GATED and fix.status == "fix":
+            self._refused_fixes += 1
+        if self._refused_fixes >= self.options.relocate_after and self._ekf is not None:
+            self._ekf.widen(np.array([0, 1, 2]), 1.0)
+            self._refused_fixes = 0
+
+    def _is_small(self, covariance: Array) -> bool:
+        position_std = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
+        yaw_std = float(np.sqrt(covariance[5, 5]))
+        return position_std <= self.options.ready_position_std and yaw_std <= self.options.ready_yaw_std
+
+
+def _unknown(stamp: float) -> Odometry:
+    return Odometry(
+        stamp=stamp,
+        frame_id="map",
+        child_frame_id="base_link",
+        pose=np.eye(4),
+        linear=np.zeros(3),
+        angular=np.zeros(3),
+        pose_covariance=np.eye(6) * UNKNOWN_VARIANCE,
+        twist_covariance=np.eye(6) * UNKNOWN_VARIANCE,
+    )
