@@ -85,8 +85,8 @@ class ArmDescription(_Frozen):
 class GripperDescription(_Frozen):
     """A hand whose fingers 2 and 3 carry nails that open inside a loop.
 
-    The nail of finger 2 turns about `pivot` (hand frame) with direction `axis`; at the finger angle `reference` it hangs
-    straight under the pivot by `radius`, at `nail_x` beside the hand's centre plane. Finger 3 mirrors it in x.
+    The nail of finger 2 turns about `pivot` (hand frame) with direction `axis`; at the finger angle `reference` it
+    hangs straight under the pivot by `radius`, at `nail_x` beside the hand's centre plane. Finger 3 mirrors it in x.
     """
 
     joints: tuple[str, ...]  # thumb, finger 2, finger 3
@@ -116,7 +116,7 @@ class FeederDescription(_Frozen):
     levels: int
     pitch: float  # m
     marker_ids: tuple[int, ...]
-    marker_positions: Array  # (markers, 3) m, centre of each printed face in the feeder frame, facing +z, x to the right
+    marker_positions: Array  # (markers, 3) m, centre of each face in the feeder frame, facing +z, x to the right
     marker_side: float  # m, black square
     marker_dictionary: str
 

@@ -8,11 +8,12 @@ Bodies: base_link (free joint `base`), wheel_{front,rear}_{left,right}, feeder, 
 Joints: wheel_*, joint_1 … joint_6, finger_1 … finger_3 (driven), finger_1_tip … finger_3_tip (springs).
 Actuators: wheel_* (velocity, rad/s), arm_1 … arm_6 (position, absolute rad), finger_1 … finger_3 (position, rad).
 Sites (group 4, hidden): base_link, imu_link, gnss_link, velodyne, front_laser, feeder (centre of the lowest loop),
-    marker_1, marker_2, arm_base, hand, nails_closed and nails_open (nail mid-point in the hand at the closed and the open
-    finger angle), camera_optical (z forward, y down), wrist_lidar (scan in x-y, x forward), nail_2, nail_3 (grooves).
+    marker_1, marker_2, arm_base, hand, nails_closed and nails_open (nail mid-point in the hand at the closed and the
+    open finger angle), camera_optical (z forward, y down), wrist_lidar (scan in x-y, x forward), nail_2, nail_3
+    (grooves).
 Camera: wrist_camera (640 x 480, f = 466 px, cx 319.5, cy 239.5); site camera_optical is its optical frame.
-Geom groups: 1 drawn only; 2 drawn and touched (feeder channels, nails); 3 collision shapes, not drawn: capsules on every
-    moving link, boxes on the base. Group 3 is also what planners use; two boxes in it (`feeder`, `feeder_markers`) are
+Geom groups: 1 drawn only; 2 drawn and touched (feeder channels, nails); 3 collision shapes, not drawn: capsules on
+    every moving link, boxes on the base. Group 3 is also what planners use; two boxes in it (`feeder`, `feeder_markers`) are
     envelopes for planning without contact.
 Contact bits (a pair touches when contype of one meets conaffinity of the other):
     1 world (ground, vines, posts, spurs, nails in posts): contype 1, conaffinity 4;
