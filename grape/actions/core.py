@@ -11,6 +11,12 @@
 One `yield` is one beat (100 Hz). Raising `ActionFailed` ends it ABORTED, `GoalRejected` REJECTED; the tree closes the
 generator to preempt it. Leaving a lease stops its actuator, whatever the way out. Fields of goal and result are the
 input and output ports of the node in a tree file. Actions compose with `result = yield from other(goal, ctx)`.
+
+A question that is answered at once is a condition: a plain function that returns a bool.
+
+    @condition("IsLocalized")
+    def is_localized(goal: NoGoal, ctx: Context) -> bool:
+        return ctx.world.localized
 """
 
 from __future__ import annotations
@@ -52,6 +58,11 @@ class Feedback:
 
     status: str = ""
     progress: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoGoal:
+    """Goal of an action or condition that needs no inputs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -248,5 +259,38 @@ def action(name: str) -> Callable[[Callable[[G, Context], Generator[Feedback, No
                 raise InvalidInput(f"action {name}: its {role} type must be a dataclass, got {kind}")
         summary = (inspect.getdoc(function) or "").split("\n", 1)[0]
         return Action(name, function, goal_type, result_type, summary)
+
+    return declare
+
+
+@dataclass(frozen=True)
+class Condition(Generic[G]):
+    """A question as the tree sees it: answered within one beat, moves nothing."""
+
+    name: str
+    function: Callable[[G, Context], bool]
+    goal_type: type[G]
+    summary: str
+
+    def __call__(self, goal: G, ctx: Context) -> bool:
+        return self.function(goal, ctx)
+
+
+def condition(name: str) -> Callable[[Callable[[G, Context], bool]], Condition[G]]:
+    """Declare a function as a condition node called `name` in tree files.
+
+    Raises:
+        InvalidInput: the function is a generator, does not return a bool, or its goal type is no dataclass.
+    """
+
+    def declare(function: Callable[[G, Context], bool]) -> Condition[G]:
+        hints = typing.get_type_hints(function)
+        if inspect.isgeneratorfunction(function) or hints.get("return") is not bool:
+            raise InvalidInput(f"condition {name}: {function.__qualname__} must be a plain function returning bool")
+        goal_type = hints[next(iter(inspect.signature(function).parameters))]
+        if not is_dataclass(goal_type):
+            raise InvalidInput(f"condition {name}: its goal type must be a dataclass, got {goal_type}")
+        summary = (inspect.getdoc(function) or "").split("\n", 1)[0]
+        return Condition(name, function, cast("type[G]", goal_type), summary)
 
     return declare
