@@ -13,8 +13,8 @@ Sites (group 4, hidden): base_link, imu_link, gnss_link, velodyne, front_laser, 
     (grooves).
 Camera: wrist_camera (640 x 480, f = 466 px, cx 319.5, cy 239.5); site camera_optical is its optical frame.
 Geom groups: 1 drawn only; 2 drawn and touched (feeder channels, nails); 3 collision shapes, not drawn: capsules on
-    every moving link, boxes on the base. Group 3 is also what planners use; two boxes in it (`feeder`, `feeder_markers`) are
-    envelopes for planning without contact.
+    every moving link, boxes on the base. Group 3 is also what planners use; its boxes `feeder` and
+    `feeder_markers` are envelopes for planning without contact.
 Contact bits (a pair touches when contype of one meets conaffinity of the other):
     1 world (ground, vines, posts, spurs, nails in posts): contype 1, conaffinity 4;
     2 robot bodies: contype 2, conaffinity 15 (wheels: conaffinity 1; feeder: conaffinity 4);
