@@ -1,0 +1,249 @@
+"""The mission file: which robot does which task on which plants of which world, by which tree."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field
+
+from grape.config import Document, Model, load_yaml, override, read_text, validate, validate_options
+from grape.errors import FileError, Problem, did_you_mean
+from grape.mission.catalog import built_in, worlds
+from grape.site import Site, load_site
+
+MODES = {"nail": ("nail",), "vine": ("plant", "plant_open_loop")}
+Mode = Literal["nail", "plant", "plant_open_loop"]
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
+
+
+class PlantGoal(Model):
+    """One plant to serve."""
+
+    plant: Name
+    mode: Mode
+
+
+class Selection(Model):
+    """Plants chosen by number instead of by id: spread evenly over the site, in the site's order."""
+
+    nails: Annotated[int, Field(ge=0, le=1000)] = 0
+    vines: Annotated[int, Field(ge=0, le=1000)] = 0
+    vine_mode: Literal["plant", "plant_open_loop"] = "plant"
+
+
+class MissionFile(Model):
+    """The keys of a mission file."""
+
+    name: Name
+    description: str = ""
+    seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 0
+    robot: Name = "husky_jaco2"
+    task: Name = "dispenser"
+    tree: str = "dispenser_deployment"
+    world: dict[str, Any] = Field(default_factory=dict)
+    site: str | None = None
+    plants: tuple[PlantGoal, ...] | None = None
+    select: Selection | None = None
+    dispensers: Annotated[int, Field(ge=0, le=8)] = 8
+    time_limit_s: Annotated[float, Field(gt=0, le=86400)] = 1500.0
+    actions: dict[str, dict[str, Any]] = Field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Mission:
+    """A mission that was checked and is ready to run.
+
+    Attributes:
+        file: what the user wrote, with defaults filled in.
+        tree: the tree file.
+        world: options of the world's generator.
+        site: the surveyed site, or the one that the generator lays out.
+        surveyed: whether the site is the user's.
+    """
+
+    file: MissionFile
+    tree: Path
+    world: Any
+    site: Site
+    surveyed: bool
+    plants: tuple[PlantGoal, ...]
+
+    @property
+    def name(self) -> str:
+        return self.file.name
+
+    @property
+    def seed(self) -> int:
+        return self.file.seed
+
+    def resolved(self) -> dict[str, Any]:
+        """The mission as it runs, every default written out; loading it again gives the same mission."""
+        data = self.file.model_dump(mode="json", exclude={"select"}, exclude_none=True)
+        data["world"] = {"type": self.file.world.get("type", "vineyard"), **self.world.model_dump(mode="json")}
+        data["plants"] = [plant.model_dump() for plant in self.plants]
+        if self.surveyed:
+            data["site"] = "site.geojson"
+        return data
+
+
+def load_mission(name: str, overrides: Iterable[str] = (), world: Path | None = None) -> Mission:
+    """A mission by built-in name or path, checked against robot, tree, site and plants.
+
+    Args:
+        overrides: `key=value` assignments to any key of the file.
+        world: replaces the mission's world: a YAML file with the keys of `world`, or a site's GeoJSON.
+
+    Raises:
+        FileError: with every problem found.
+    """
+    path = mission_path(name)
+    document = load_yaml(path)
+    if world is not None:
+        document = _with_world(document, world)
+    document = override(document, overrides)
+    file = validate(MissionFile, document)
+    problems: list[Problem] = []
+    tree = _check_names(file, document, path.parent, problems)
+    options, site = None, None
+    try:
+        options, site = _world_and_site(file, document, path.parent)
+    except FileError as error:
+        problems += error.problems
+    plants = _plants(file, document, site, problems) if site is not None else ()
+    if problems or options is None or site is None:
+        raise FileError(problems)
+    return Mission(file=file, tree=tree, world=options, site=site, surveyed=file.site is not None, plants=plants)
+
+
+def mission_path(name: str) -> Path:
+    """The file of a mission named by a user: a path, or the name of a built-in mission.
+
+    Raises:
+        FileError: neither exists.
+    """
+    known = built_in("missions")
+    if name in known:
+        return known[name]
+    path = Path(name)
+    if path.is_file():
+        return path
+    if path.suffix in (".yaml", ".yml") or "/" in name:
+        read_text(path)
+    raise FileError(
+        [
+            Problem(
+                file=name,
+                got="no such mission",
+                allowed=f"{', '.join(known)}, or the path of a YAML file",
+                suggestion=did_you_mean(name, known),
+            )
+        ]
+    )
+
+
+def _with_world(document: Document, path: Path) -> Document:
+    """The document with its world replaced by a file's; problems then point into that file."""
+    data = dict(document.data)
+    if path.suffix in (".geojson", ".json"):
+        data["site"] = str(path.resolve())
+        return Document(file=document.file, data=data, places=document.places)
+    replacement = load_yaml(path)
+    data["world"] = replacement.data
+    return Document(file=document.file, data=data, places=document.places, included={("world",): replacement})
+
+
+def _check_names(file: MissionFile, document: Document, folder: Path, problems: list[Problem]) -> Path:
+    """Robot, task and tree must exist; returns the tree's file."""
+    for kind, value in (("robot", file.robot), ("task", file.task)):
+        known = built_in(kind + "s")
+        if value not in known:
+            hint = did_you_mean(value, known)
+            problems.append(document.problem((kind,), f"got {value!r}", ", ".join(known), hint))
+    trees = built_in("trees")
+    if file.tree in trees:
+        return trees[file.tree]
+    tree = folder / file.tree
+    if not tree.is_file():
+        allowed = f"{', '.join(trees)}, or the path of an XML file"
+        problems.append(document.problem(("tree",), f"got {file.tree!r}", allowed, did_you_mean(file.tree, trees)))
+    return tree
+
+
+def _world_and_site(file: MissionFile, document: Document, folder: Path) -> tuple[Any, Site]:
+    kind = file.world.get("type", "vineyard")
+    known = worlds()
+    if kind not in known:
+        allowed = ", ".join(known)
+        raise FileError([document.problem(("world", "type"), f"got {kind!r}", allowed, did_you_mean(str(kind), known))])
+    world = known[kind]
+    options = validate_options(world.options, document, ("world",), reserved=("type",), defaults={"seed": file.seed})
+    if file.site is None:
+        return options, world.site(options)
+    path = folder / file.site
+    if not path.is_file():
+        raise FileError([document.problem(("site",), f"got {file.site!r}", "the path of a GeoJSON file")])
+    return options, load_site(path)
+
+
+def _plants(file: MissionFile, document: Document, site: Site, problems: list[Problem]) -> tuple[PlantGoal, ...]:
+    """The plants to serve, each checked against the site."""
+    if file.plants is not None and file.select is not None:
+        problems.append(document.problem(("select",), "both plants and select are given", "one of the two"))
+        return ()
+    if file.plants is None:
+        return _selected(file.select or Selection(nails=2, vines=2), document, site, problems)
+    by_id = {plant.id: plant for plant in site.plants}
+    seen: set[str] = set()
+    for k, goal in enumerate(file.plants):
+        if goal.plant not in by_id:
+            hint, allowed = did_you_mean(goal.plant, by_id), _shortened(list(by_id))
+            problems.append(document.problem(("plants", k, "plant"), f"the site has no {goal.plant!r}", allowed, hint))
+        elif goal.mode not in MODES[by_id[goal.plant].kind]:
+            kind = by_id[goal.plant].kind
+            got = f"got {goal.mode!r} for {goal.plant}, a {kind}"
+            problems.append(document.problem(("plants", k, "mode"), got, ", ".join(MODES[kind])))
+        if goal.plant in seen:
+            problems.append(
+                document.problem(("plants", k, "plant"), f"{goal.plant!r} is listed twice", "each plant once")
+            )
+        seen.add(goal.plant)
+    if not file.plants:
+        problems.append(document.problem(("plants",), "the list is empty", "at least one plant"))
+    return file.plants
+
+
+def _selected(selection: Selection, document: Document, site: Site, problems: list[Problem]) -> tuple[PlantGoal, ...]:
+    chosen: dict[str, Mode] = {}
+    wishes: tuple[tuple[str, str, int, Mode], ...] = (
+        ("nails", "nail", selection.nails, "nail"),
+        ("vines", "vine", selection.vines, selection.vine_mode),
+    )
+    for key, kind, number, mode in wishes:
+        ids = [plant.id for plant in site.plants if plant.kind == kind]
+        if number > len(ids):
+            problems.append(
+                document.problem(("select", key), f"got {number}", f"at most {len(ids)}, what the site has")
+            )
+            continue
+        chosen |= {ids[(2 * k + 1) * len(ids) // (2 * number)]: mode for k in range(number)}
+    if not chosen and not problems:
+        problems.append(document.problem(("select",), "no plant is selected", "nails or vines above 0"))
+    ordered = [plant.id for plant in _in_working_order(site) if plant.id in chosen]
+    return tuple(PlantGoal(plant=id, mode=chosen[id]) for id in ordered)
+
+
+def _in_working_order(site: Site) -> list[Any]:
+    """Plants row by row, along each row as a robot drives that has it on its left."""
+
+    def along(plant: Any) -> float:
+        return float(plant.position @ site.row(plant.row).work_direction)
+
+    order = {row.id: k for k, row in enumerate(site.rows)}
+    return sorted(site.plants, key=lambda plant: (order[plant.row], along(plant)))
+
+
+def _shortened(names: list[str], limit: int = 12) -> str:
+    return ", ".join(names[:limit]) + (f", … ({len(names)} in all)" if len(names) > limit else "")

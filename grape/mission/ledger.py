@@ -1,0 +1,155 @@
+"""The mission's ledger in SQLite: what was done to which plant and where each dispenser is, whatever happens to us."""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from grape.actions.core import Outcome, PlantTask
+from grape.errors import InvalidInput, did_you_mean
+
+SCHEMA_VERSION = 1
+FEEDER, HAND, LOST = "feeder", "hand", "lost"
+_TABLES = """
+CREATE TABLE plants (
+    position INTEGER PRIMARY KEY, plant TEXT NOT NULL UNIQUE, mode TEXT NOT NULL,
+    outcome TEXT, reason TEXT NOT NULL DEFAULT '', attempts INTEGER NOT NULL DEFAULT 0);
+CREATE TABLE dispensers (place TEXT PRIMARY KEY, number INTEGER NOT NULL CHECK (number >= 0));
+CREATE TABLE moves (number INTEGER PRIMARY KEY AUTOINCREMENT, source TEXT NOT NULL, target TEXT NOT NULL);
+"""
+
+
+class SqliteLedger:
+    """The `Ledger` of a run folder. Every call is one transaction on disk, so a kill between two calls loses nothing.
+
+    Use `create` for a new mission and `open` to read one, also one that was killed.
+    """
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._db = connection
+        self._db.execute("PRAGMA journal_mode = WAL")
+        self._db.execute("PRAGMA synchronous = FULL")
+
+    @classmethod
+    def create(cls, path: Path, plants: Iterable[tuple[str, str]], loaded: int) -> SqliteLedger:
+        """A new ledger.
+
+        Args:
+            plants: (id, mode) in the order of service.
+            loaded: dispensers in the feeder at the start.
+
+        Raises:
+            InvalidInput: the file exists, a plant is named twice, or `loaded` is negative.
+        """
+        rows = [(k, plant, mode) for k, (plant, mode) in enumerate(plants)]
+        names = [plant for _, plant, _ in rows]
+        twice = sorted({name for name in names if names.count(name) > 1} | ({FEEDER, HAND, LOST} & set(names)))
+        if twice:
+            raise InvalidInput(f"plants must have ids of their own, got {', '.join(twice)} twice or as a reserved name")
+        if loaded < 0:
+            raise InvalidInput(f"loaded must be at least 0, got {loaded}")
+        if path.exists():
+            raise InvalidInput(f"{path} exists: a ledger is never overwritten")
+        ledger = cls(sqlite3.connect(path, isolation_level=None))
+        db = ledger._db
+        db.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
+        with db:
+            db.execute("BEGIN")
+            db.executemany("INSERT INTO plants (position, plant, mode) VALUES (?, ?, ?)", rows)
+            places = [(FEEDER, loaded), (HAND, 0), (LOST, 0), *((name, 0) for name in names)]
+            db.executemany("INSERT INTO dispensers (place, number) VALUES (?, ?)", places)
+        return ledger
+
+    @classmethod
+    def open(cls, path: Path) -> SqliteLedger:
+        """The ledger of an earlier run.
+
+        Raises:
+            InvalidInput: there is none, or another version of grape wrote it.
+        """
+        if not path.is_file():
+            raise InvalidInput(f"{path}: no such ledger")
+        try:
+            ledger = cls(sqlite3.connect(path, isolation_level=None))
+            (version,) = ledger._db.execute("PRAGMA user_version").fetchone()
+        except sqlite3.DatabaseError as error:
+            raise InvalidInput(f"{path} is no ledger: {error}") from error
+        if version != SCHEMA_VERSION:
+            raise InvalidInput(f"{path}: ledger version {version}, this grape reads version {SCHEMA_VERSION}")
+        return ledger
+
+    def plants(self) -> tuple[PlantTask, ...]:
+        """Every plant of the mission, in the order of service."""
+        rows = self._db.execute("SELECT plant, mode, outcome, reason, attempts FROM plants ORDER BY position")
+        return tuple(
+            PlantTask(plant=p, mode=m, outcome=Outcome(o) if o else None, reason=r, attempts=a)
+            for p, m, o, r, a in rows
+        )
+
+    def attempt(self, plant: str) -> int:
+        """Count one more deployment attempt on a plant; returns how many there were."""
+        self._known(plant)
+        query = "UPDATE plants SET attempts = attempts + 1 WHERE plant = ? RETURNING attempts"
+        (attempts,) = self._db.execute(query, (plant,)).fetchall()[0]
+        return int(attempts)
+
+    def finish(self, plant: str, outcome: Outcome, reason: str = "") -> None:
+        """Write down what became of a plant."""
+        self._known(plant)
+        values = (str(Outcome(outcome)), str(reason), plant)
+        self._db.execute("UPDATE plants SET outcome = ?, reason = ? WHERE plant = ?", values)
+
+    def move_dispenser(self, source: str, target: str) -> None:
+        """One dispenser went from a place to another: feeder, hand, lost or a plant's id.
+
+        Raises:
+            InvalidInput: an unknown place, twice the same place, or nothing at `source`.
+        """
+        places = self.dispensers()
+        for place in (source, target):
+            if place not in places:
+                hint = did_you_mean(place, places)
+                allowed = ", ".join(places)
+                raise InvalidInput(
+                    f"no place {place!r} for a dispenser; allowed: {allowed}{'; ' + hint if hint else ''}"
+                )
+        if source == target:
+            raise InvalidInput(f"a dispenser cannot move from {source} to {target}")
+        if places[source] == 0:
+            raise InvalidInput(f"no dispenser at {source} by the account: {places}")
+        with self._db:
+            self._db.execute("BEGIN IMMEDIATE")
+            self._db.execute("UPDATE dispensers SET number = number - 1 WHERE place = ?", (source,))
+            self._db.execute("UPDATE dispensers SET number = number + 1 WHERE place = ?", (target,))
+            self._db.execute("INSERT INTO moves (source, target) VALUES (?, ?)", (source, target))
+
+    def dispensers(self) -> Mapping[str, int]:
+        """How many dispensers are at each place: feeder, hand, lost and plants' ids."""
+        return dict(self._db.execute("SELECT place, number FROM dispensers ORDER BY rowid"))
+
+    def account(self) -> dict[str, int]:
+        """The robot's own account: loaded = deployed + left + lost + on_hand, always."""
+        places = dict(self.dispensers())
+        left, hand, lost = places.pop(FEEDER), places.pop(HAND), places.pop(LOST)
+        deployed = sum(places.values())
+        return {
+            "loaded": deployed + left + lost + hand,
+            "deployed": deployed,
+            "left": left,
+            "lost": lost,
+            "on_hand": hand,
+        }
+
+    def close(self) -> None:
+        """Fold the journal into the file and close it."""
+        self._db.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+        self._db.close()
+
+    def _known(self, plant: str) -> None:
+        names = [row[0] for row in self._db.execute("SELECT plant FROM plants ORDER BY position")]
+        if plant not in names:
+            hint = did_you_mean(plant, names)
+            raise InvalidInput(
+                f"plant {plant!r} is not in this mission; it has {', '.join(names)}{'; ' + hint if hint else ''}"
+            )

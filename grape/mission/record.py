@@ -1,0 +1,100 @@
+"""What happened in a mission, as files: one JSON line an event, one PNG a picture."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from collections.abc import Iterator
+from enum import Enum
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+
+from grape.clock import Clock
+from grape.errors import InvalidInput
+from grape.messages import Array
+
+DECIMALS = 6
+
+
+class RunRecorder:
+    """The `Recorder` of a run folder: `events.jsonl` and `pictures/`. Stamps are the mission's time, never the wall's.
+
+    Args:
+        folder: exists and holds no events yet.
+        max_pictures: pictures beyond that are counted, not kept.
+    """
+
+    def __init__(self, folder: Path, clock: Clock, max_pictures: int = 200) -> None:
+        self._folder = folder
+        self._clock = clock
+        self._max_pictures = max_pictures
+        self._pictures = 0
+        self._file: TextIO = (folder / "events.jsonl").open("x", encoding="utf-8", buffering=1)
+
+    def event(self, kind: str, /, **fields: Any) -> None:
+        """One line: time, kind and the fields; arrays become rounded lists, NaN and infinity null."""
+        line = {"t": round(self._clock.now(), DECIMALS), "kind": kind, **{k: plain(v) for k, v in fields.items()}}
+        self._file.write(json.dumps(line, allow_nan=False, separators=(", ", ": "), ensure_ascii=False) + "\n")
+
+    def picture(self, name: str, bgr: Array) -> None:
+        """A camera picture as `pictures/NNN_name.png`, and an event that names it."""
+        import cv2
+
+        if bgr.ndim != 3 or bgr.shape[2] != 3 or bgr.dtype != np.uint8:
+            raise InvalidInput(f"picture {name!r} must be (h, w, 3) uint8, got {bgr.shape} {bgr.dtype}")
+        self._pictures += 1
+        if self._pictures > self._max_pictures:
+            return
+        safe = "".join(c if c.isalnum() or c in "-_" else "_" for c in name)[:60]
+        path = Path("pictures") / f"{self._pictures:03d}_{safe}.png"
+        (self._folder / "pictures").mkdir(exist_ok=True)
+        _, encoded = cv2.imencode(".png", np.ascontiguousarray(bgr))
+        (self._folder / path).write_bytes(encoded.tobytes())
+        self.event("picture", name=name, file=path.as_posix())
+
+    def close(self) -> None:
+        """No more events."""
+        self._file.close()
+
+
+def plain(value: Any) -> Any:
+    """A value as JSON has it, numbers rounded to `DECIMALS`."""
+    if isinstance(value, bool | None | str) and not isinstance(value, Enum):
+        return value
+    if isinstance(value, Enum):
+        return plain(value.value)
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, int):
+        return value
+    if isinstance(value, float):
+        return round(value, DECIMALS) + 0.0 if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if isinstance(value, set | frozenset):
+        return sorted(plain(v) for v in value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    return str(value)
+
+
+def read_events(path: Path) -> Iterator[dict[str, Any]]:
+    """The events of a run, oldest first; a last line cut off by a kill is left out."""
+    with path.open(encoding="utf-8") as file:
+        for line in file:
+            if line.endswith("\n"):
+                yield json.loads(line)
+
+
+def write_atomic(path: Path, text: str) -> None:
+    """Write a text file that appears whole or not at all."""
+    part = path.with_name(path.name + ".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(path)
