@@ -1,0 +1,62 @@
+"""Pictures for the renderer: ground with grassy aisles, bark, and markers with whole texels per cell."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from grape.messages import Array
+from grape.sim.worlds.model import Terrain
+from grape.site import Site
+
+CELL_PX = 32  # a marker has 6 cells; the margin is 1.5 cells, so both are whole texels
+GROUND_PX = 1024
+_SOIL = np.array([0.47, 0.37, 0.26])
+_GRASS = np.array([0.34, 0.41, 0.19])
+
+
+def marker_picture(id: int) -> Array:
+    """(n, n, 3) uint8 of a DICT_4X4_50 marker with its white margin, first row at the top."""
+    import cv2
+
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    cells = dictionary.markerSize + 2
+    margin = CELL_PX * 3 // 2
+    picture = cv2.aruco.generateImageMarker(dictionary, id, cells * CELL_PX)
+    framed = cv2.copyMakeBorder(picture, margin, margin, margin, margin, cv2.BORDER_CONSTANT, value=255)
+    return np.repeat(framed[:, :, None], 3, axis=2)
+
+
+def ground_picture(site: Site, terrain: Terrain, rng: np.random.Generator) -> Array:
+    """(n, n, 3) uint8 seen from above, x to the right and y downwards: bare soil under the rows, grass in the aisles."""
+    from scipy.ndimage import gaussian_filter
+
+    x = np.linspace(*terrain.x_range, GROUND_PX)
+    y = np.linspace(*terrain.y_range, GROUND_PX)
+    X, Y = np.meshgrid(x, y)
+    distance = np.full(X.shape, np.inf)
+    for row in site.rows:
+        for a, b in zip(row.line[:-1], row.line[1:], strict=True):
+            distance = np.minimum(distance, _distance_to_segment(X, Y, a, b))
+    coarse = gaussian_filter(rng.standard_normal(X.shape), 12.0)
+    coarse /= coarse.std()
+    fine = gaussian_filter(rng.standard_normal(X.shape), 1.0)
+    fine /= fine.std()
+    green = np.clip((distance - 0.45) / 0.35 + 0.5 * coarse, 0.0, 0.9)[..., None]
+    color = (1.0 - green) * _SOIL + green * _GRASS
+    color = color * (1.0 + 0.05 * coarse + 0.09 * fine)[..., None]
+    return (np.clip(color, 0.0, 1.0) * 255.0).astype(np.uint8)
+
+
+def _distance_to_segment(X: Array, Y: Array, a: Array, b: Array) -> Array:
+    d = b - a
+    s = np.clip(((X - a[0]) * d[0] + (Y - a[1]) * d[1]) / (d @ d), 0.0, 1.0)
+    return np.hypot(X - a[0] - s * d[0], Y - a[1] - s * d[1])
+
+
+def bark_picture(rng: np.random.Generator) -> Array:
+    """(64, 64, 3) uint8 of light grey stripes that darken the colour of the wood they are put on."""
+    from scipy.ndimage import gaussian_filter
+
+    noise = gaussian_filter(rng.standard_normal((64, 64)), (4.0, 0.8), mode="wrap")
+    grey = np.clip(0.86 + 0.10 * noise / noise.std(), 0.4, 1.0)
+    return np.repeat((grey * 255.0).astype(np.uint8)[:, :, None], 3, axis=2)
