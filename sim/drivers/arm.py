@@ -1,0 +1,110 @@
+"""The simulated arm: follows joint velocities under its speed and acceleration limits, and holds when nobody speaks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.errors import InvalidInput
+from grape.messages import Array, JointState
+from grape.sim.drivers.sampled import SampledSensor
+from grape.sim.physics import STEP_S, STEPS_PER_SECOND, Physics
+from grape.sim.sensors.noise import FrameNoise
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmLimits:
+    """Joints of an arm in order, and how far and fast they may move: (n,) rad, rad/s, rad/s^2."""
+
+    joints: tuple[str, ...]
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmDriverOptions:
+    """Behaviour of the arm's own controller."""
+
+    timeout_s: float = 0.05
+    beat_s: float = 0.01  # time between set-points that acceleration limits are counted over
+    lead: float = 0.05  # rad that the reference may run ahead of the measured angle
+    encoder_sigma: float = 1e-4  # rad
+
+
+class SimulatedArm(SampledSensor[JointState]):
+    """Position actuators that follow an integrated velocity reference, with gravity compensated as in the real arm."""
+
+    def __init__(self, physics: Physics, limits: ArmLimits, seed: int, options: ArmDriverOptions) -> None:
+        super().__init__(physics, "arm", options.beat_s)
+        self._limits = limits
+        self._options = options
+        self._noise = FrameNoise(seed, "arm")
+        self._qpos = physics.joint_qpos(limits.joints)
+        self._qvel = physics.joint_qvel(limits.joints)
+        self._actuators = physics.actuators(limits.joints)
+        self._stiffness = physics.model.actuator_gainprm[self._actuators, 0]
+        self._damping = -physics.model.actuator_biasprm[self._actuators, 2]
+        self._timeout_steps = round(options.timeout_s * STEPS_PER_SECOND)
+        self._target = np.zeros(len(limits.joints))
+        self._velocity = np.zeros(len(limits.joints))
+        self._reference = physics.data.qpos[self._qpos].copy()
+        self._last_send = -self._timeout_steps
+
+    def send(self, velocity: Array) -> Array:
+        """Set-point of the joint velocities (n,) rad/s; returns what was sent after speed and acceleration limits.
+
+        Raises:
+            InvalidInput: wrong shape or not finite.
+        """
+        wanted = np.array(velocity, dtype=float)
+        if wanted.shape != self._velocity.shape or not np.isfinite(wanted).all():
+            raise InvalidInput(f"arm: send {self._velocity.shape[0]} finite joint velocities, got {velocity}")
+        reach = self._limits.acceleration * self._options.beat_s
+        fast = np.clip(wanted, -self._limits.velocity, self._limits.velocity)
+        self._target = np.clip(fast, self._velocity - reach, self._velocity + reach)
+        self._last_send = self._physics.clock.step
+        return self._target.copy()
+
+    def stop(self) -> None:
+        """Brake as fast as the acceleration limit allows and hold."""
+        self._target[:] = 0.0
+        self._last_send = self._physics.clock.step - self._timeout_steps
+
+    def actuate(self) -> None:
+        """Move the reference by one physics step and hand it to the actuators."""
+        if self._physics.clock.step - self._last_send >= self._timeout_steps:
+            self._target[:] = 0.0
+        measured = self._physics.data.qpos[self._qpos]
+        if self._target.any() or self._velocity.any():
+            self._move(measured)
+        ahead = self._damping * self._velocity + self._physics.data.qfrc_bias[self._qvel]
+        self._physics.data.ctrl[self._actuators] = self._reference + ahead / self._stiffness
+
+    def _move(self, measured: Array) -> None:
+        limits = self._limits
+        change = limits.acceleration * STEP_S
+        velocity = self._velocity + np.clip(self._target - self._velocity, -change, change)
+        room_up = np.sqrt(2 * limits.acceleration * np.maximum(limits.upper - self._reference, 0.0))
+        room_down = np.sqrt(2 * limits.acceleration * np.maximum(self._reference - limits.lower, 0.0))
+        self._velocity = np.clip(velocity, -room_down, room_up)
+        lead = self._options.lead
+        reference = np.clip(self._reference + self._velocity * STEP_S, measured - lead, measured + lead)
+        self._reference = np.clip(reference, limits.lower, limits.upper)
+
+    def _snapshot(self) -> tuple[Array, Array, Array]:
+        data = self._physics.data
+        return data.qpos[self._qpos], data.qvel[self._qvel], data.qfrc_actuator[self._qvel]
+
+    def _measure(self, index: int, stamp: float, snapshot: tuple[Array, Array, Array]) -> JointState:
+        position, velocity, effort = snapshot
+        noise = self._noise.normal(index, 2 * position.size).reshape(2, -1) * self._options.encoder_sigma
+        return JointState(
+            stamp=stamp,
+            name=self._limits.joints,
+            position=position + noise[0],
+            velocity=velocity + 10.0 * noise[1],
+            effort=effort,
+        )

@@ -1,0 +1,148 @@
+"""Every simulated driver of a robot, wired to one scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from grape.drivers import Drivers
+from grape.geodesy import Datum
+from grape.robots import RobotDescription
+from grape.sim.drivers.arm import ArmDriverOptions, ArmLimits, SimulatedArm
+from grape.sim.drivers.base import BaseOptions, SimulatedBase
+from grape.sim.drivers.camera import CameraOptions, SimulatedCamera
+from grape.sim.drivers.gnss import GnssOptions, SimulatedGnss
+from grape.sim.drivers.gripper import GripperOptions, SimulatedGripper
+from grape.sim.drivers.imu import ImuOptions, SimulatedImu
+from grape.sim.drivers.lidar import (
+    TIM561,
+    UTM_30LX,
+    Cast,
+    ScannerOptions,
+    SimulatedScanner,
+    SimulatedSpinner,
+    SpinnerOptions,
+)
+from grape.sim.drivers.sampled import SampledSensor
+from grape.sim.physics import Physics, Replica
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorOptions:
+    """Every sensor's rate, limits and errors."""
+
+    arm: ArmDriverOptions = field(default_factory=ArmDriverOptions)
+    camera: CameraOptions = field(default_factory=CameraOptions)
+    imu: ImuOptions = field(default_factory=ImuOptions)
+    gnss: GnssOptions = field(default_factory=GnssOptions)
+    front_laser: ScannerOptions = UTM_30LX
+    wrist_lidar: ScannerOptions = TIM561
+    velodyne: SpinnerOptions = field(default_factory=SpinnerOptions)
+
+
+class SimulatedDrivers:
+    """The drivers of one simulated robot: `ports` for the mission, the rest for the simulation that runs them."""
+
+    def __init__(
+        self,
+        physics: Physics,
+        robot: RobotDescription,
+        datum: Datum,
+        cast: Cast,
+        seed: int,
+        options: SensorOptions,
+    ) -> None:
+        replica = Replica(physics.model)
+        self.base = SimulatedBase(physics, seed, _base_options(robot))
+        self.arm = SimulatedArm(physics, _arm_limits(robot), seed, options.arm)
+        self.gripper = SimulatedGripper(
+            physics, seed, GripperOptions(joints=robot.gripper.joints, rate=robot.gripper.velocity_max)
+        )
+        self.camera = SimulatedCamera(physics, replica, seed, options.camera)
+        self.imu = SimulatedImu(physics, seed, options.imu)
+        self.gnss = SimulatedGnss(physics, datum, seed, options.gnss)
+        scans = {
+            scanner.name: SimulatedScanner(physics, replica, cast, seed, scanner)
+            for scanner in (options.front_laser, options.wrist_lidar)
+        }
+        velodyne = SimulatedSpinner(physics, replica, cast, seed, options.velodyne)
+        self.sensors: dict[str, SampledSensor] = {
+            "base": self.base,
+            "arm": self.arm,
+            "gripper": self.gripper,
+            "camera": self.camera,
+            "imu": self.imu,
+            "gnss": self.gnss,
+            **scans,
+            options.velodyne.name: velodyne,
+        }
+        self.ports = Drivers(
+            base=self.base,
+            arm=self.arm,
+            gripper=self.gripper,
+            camera=self.camera,
+            imu=self.imu,
+            gnss=self.gnss,
+            scans=scans,
+            clouds={options.velodyne.name: velodyne},
+        )
+
+    def actuate(self) -> None:
+        """Move every actuator's reference by one physics step."""
+        self.base.actuate()
+        self.arm.actuate()
+        self.gripper.actuate()
+
+    def sample(self, step: int) -> None:
+        """Let every sensor that is due note the present state."""
+        for sensor in self.sensors.values():
+            if step % sensor.period_steps == 0:
+                sensor.sample()
+
+    def close(self) -> None:
+        """Give the graphics memory back."""
+        self.camera.close()
+
+
+def connect(
+    physics: Physics,
+    robot: RobotDescription,
+    datum: Datum,
+    cast: Cast,
+    seed: int,
+    options: SensorOptions | None = None,
+) -> SimulatedDrivers:
+    """The simulated drivers of a robot in a scene.
+
+    Args:
+        datum: of the map frame, for GNSS.
+        cast: distances (n,) m along rays from origins (n, 3) in unit directions (n, 3), map frame, +inf for no hit.
+        seed: of every sensor's noise.
+    """
+    return SimulatedDrivers(physics, robot, datum, cast, seed, options or SensorOptions())
+
+
+def _base_options(robot: RobotDescription) -> BaseOptions:
+    base = robot.base
+    return BaseOptions(
+        names=base.wheel_joints,
+        left=base.wheel_joints[0::2],
+        right=base.wheel_joints[1::2],
+        wheel_radius=base.wheel_radius,
+        effective_track=base.effective_track,
+        max_linear=base.max_linear,
+        max_angular=base.max_angular,
+        linear_acceleration=base.max_linear_acceleration,
+        angular_acceleration=base.max_angular_acceleration,
+        timeout_s=base.command_timeout,
+    )
+
+
+def _arm_limits(robot: RobotDescription) -> ArmLimits:
+    arm = robot.arm
+    return ArmLimits(
+        joints=arm.joints,
+        lower=arm.position_min,
+        upper=arm.position_max,
+        velocity=arm.velocity_max,
+        acceleration=arm.acceleration_max,
+    )

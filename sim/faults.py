@@ -1,0 +1,77 @@
+"""Things that go wrong on purpose, for tests of what the robot then does."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.errors import InvalidInput, did_you_mean
+from grape.messages import Array
+from grape.sim.compose import BASE_BODY, DISPENSER
+from grape.sim.dispenser import place_dispenser
+from grape.sim.drivers import SimulatedDrivers
+from grape.sim.physics import Physics
+from grape.sim.sensors.rgbd import Glare
+
+
+@dataclass(frozen=True, kw_only=True)
+class DropDispenser:
+    """Dispenser `index` lies on the ground, half a metre behind the robot."""
+
+    index: int
+
+
+@dataclass(frozen=True, kw_only=True)
+class FreezeSensor:
+    """A sensor (a field of `Drivers`, or a scanner's name) stops measuring, or goes on when `frozen` is false."""
+
+    name: str
+    frozen: bool = True
+
+
+@dataclass(frozen=True, kw_only=True)
+class GnssJump:
+    """GNSS positions are off by `bias` (3,) m, in float mode, for a while."""
+
+    bias: Array
+    duration_s: float = 10.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraGlare:
+    """A saturated disc in the camera's pictures from now on; None takes it away."""
+
+    glare: Glare | None
+
+
+Fault = DropDispenser | FreezeSensor | GnssJump | CameraGlare
+
+
+def apply_fault(fault: Fault, physics: Physics, drivers: SimulatedDrivers) -> None:
+    """Let a fault begin.
+
+    Raises:
+        InvalidInput: there is no such dispenser or sensor.
+    """
+    match fault:
+        case DropDispenser(index=index):
+            _drop(physics, index)
+        case FreezeSensor(name=name, frozen=frozen):
+            if name not in drivers.sensors:
+                known = ", ".join(drivers.sensors)
+                raise InvalidInput(f"no sensor {name!r}; allowed: {known}; {did_you_mean(name, drivers.sensors)}")
+            drivers.sensors[name].freeze(frozen)
+        case GnssJump(bias=bias, duration_s=duration_s):
+            now = physics.clock.now()
+            drivers.gnss.jump(bias, now, now + duration_s)
+        case CameraGlare(glare=glare):
+            drivers.camera.set_glare(glare)
+
+
+def _drop(physics: Physics, index: int) -> None:
+    physics.identify("body", f"{DISPENSER}{index}")
+    base = physics.data.body(BASE_BODY)
+    T_map_loop = np.eye(4)
+    T_map_loop[:3, 3] = base.xpos + base.xmat.reshape(3, 3) @ np.array([-1.0, 0.0, 0.05])
+    place_dispenser(physics.model, physics.data, f"{DISPENSER}{index}", T_map_loop)

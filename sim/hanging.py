@@ -1,0 +1,110 @@
+"""Where each dispenser ended: hanging on a plant, in the feeder, on the hand, or dropped; for the referee."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from grape.messages import Array
+from grape.sim.areas import passes_through
+from grape.sim.compose import DISPENSER
+from grape.sim.dispenser import LoopReader
+from grape.sim.parts import Part, PartTable
+from grape.sim.physics import Physics
+from grape.sim.worlds.model import Label, World
+from grape.site import Plant
+
+_CARRIERS = (Label.SPUR, Label.BUD, Label.NAIL, Label.CANE, Label.ARM)
+_LOWEST_M = 0.2  # above the ground
+_AT_REST_MPS = 0.05
+_REACH_M = 0.15  # from the loop's centre to the tip it hangs on
+
+
+class DispenserPlace(StrEnum):
+    """Where a dispenser is."""
+
+    PLANT = "plant"
+    FEEDER = "feeder"
+    HAND = "hand"
+    DROPPED = "dropped"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """Where one dispenser is; `plant` and the distance from the tip it hangs on only where it hangs on one."""
+
+    where: DispenserPlace
+    plant: str | None = None
+    offset_mm: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Carrier:
+    plant: str
+    base: Array
+    tip: Array
+
+
+class HangingJudge:
+    """Judges where the dispensers of a scene are."""
+
+    def __init__(self, physics: Physics, world: World, parts: PartTable) -> None:
+        self._physics = physics
+        self._parts = parts
+        self._terrain = world.terrain
+        self.plants: tuple[Plant, ...] = world.site.plants
+        self._carriers = tuple(
+            [_Carrier(plant=spur.plant, base=spur.base, tip=spur.tip) for spur in world.spurs]
+            + [_Carrier(plant=nail.id, base=nail.base, tip=nail.tip) for nail in world.nails]
+        )
+        names = [physics.model.body(k).name for k in range(physics.model.nbody)]
+        count = sum(name.startswith(DISPENSER) and name.removeprefix(DISPENSER).isdigit() for name in names)
+        self._loops = [LoopReader.of(physics.model, f"{DISPENSER}{k}") for k in range(count)]
+
+    def places(self) -> tuple[Place, ...]:
+        """Where every dispenser is now, in the order of their names."""
+        return tuple(self._place(loop) for loop in self._loops)
+
+    def _place(self, loop: LoopReader) -> Place:
+        line = loop.polyline(self._physics.data)
+        touched = self._touched_geoms(loop)
+        kinds = {Part(int(self._parts.kinds[geom])) for geom in touched}
+        if kinds & {Part.NAIL, Part.FINGER, Part.ARM}:
+            return Place(where=DispenserPlace.HAND)
+        if Part.BODY in kinds:
+            return Place(where=DispenserPlace.FEEDER if self._in_feeder(line) else DispenserPlace.DROPPED)
+        carrier = self._carrier(line, touched)
+        if carrier is None or Part.WHEEL in kinds or not self._hangs_still(loop, line):
+            return Place(where=DispenserPlace.FEEDER if self._in_feeder(line) else DispenserPlace.DROPPED)
+        offset = np.linalg.norm(line[:-1].mean(axis=0)[:2] - carrier.tip[:2])
+        return Place(where=DispenserPlace.PLANT, plant=carrier.plant, offset_mm=1000.0 * float(offset))
+
+    def _touched_geoms(self, loop: LoopReader) -> set[int]:
+        pairs = self._physics.data.contact.geom
+        own = np.isin(self._physics.model.geom_bodyid[pairs], list(loop.subtree))
+        return {int(geom) for geom in pairs[own[:, ::-1] & ~own]}
+
+    def _carrier(self, line: Array, touched: set[int]) -> _Carrier | None:
+        """The spur or nail that goes through the loop, or the nearest of the plant that the loop touches."""
+        centre = line.mean(axis=0)
+        near = sorted(self._carriers, key=lambda carrier: float(np.linalg.norm(carrier.tip - centre)))
+        for carrier in near[:12]:
+            if passes_through(line, carrier.base, carrier.tip):
+                return carrier
+        plants = {self._parts.plants[geom] for geom in touched if self._parts.labels[geom] in _CARRIERS}
+        return next(
+            (c for c in near if c.plant in plants and np.linalg.norm(c.tip - centre) < _REACH_M), None
+        )
+
+    def _hangs_still(self, loop: LoopReader, line: Array) -> bool:
+        ground = float(np.max(self._terrain.height(line[:, :2])))
+        speed = np.linalg.norm(self._physics.data.cvel[list(loop.subtree), 3:], axis=1)
+        return bool(line[:, 2].min() > ground + _LOWEST_M and np.median(speed) < _AT_REST_MPS)
+
+    def _in_feeder(self, line: Array) -> bool:
+        """Whether the loop's centre is inside the stack."""
+        feeder = self._physics.data.body("feeder")
+        local = feeder.xmat.reshape(3, 3).T @ (line.mean(axis=0) - feeder.xpos)
+        return bool(abs(local[0]) < 0.05 and abs(local[1]) < 0.06 and -0.03 < local[2] < 0.25)

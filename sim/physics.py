@@ -1,0 +1,108 @@
+"""The MuJoCo model with its state, advanced in whole steps of 2 ms, and the clock that counts them."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+
+from grape.errors import DriverError, InvalidInput
+from grape.messages import Array
+
+STEPS_PER_SECOND = 500
+STEP_S = 1.0 / STEPS_PER_SECOND
+
+
+class SimulatedClock:
+    """Simulated time as an integer number of steps, so that it never drifts."""
+
+    def __init__(self) -> None:
+        self.step = 0
+
+    def now(self) -> float:
+        """Seconds since the start of the simulation."""
+        return self.step / STEPS_PER_SECOND
+
+
+class Physics:
+    """Model, state and clock of one simulated scene; what drivers act on and sensors sample from."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self.data = mujoco.MjData(model)
+        self.clock = SimulatedClock()
+        self._diverged = ""
+
+    def step(self) -> None:
+        """Advance the state by one step.
+
+        Raises:
+            DriverError: the state was no longer finite at the last check.
+        """
+        mujoco.mj_step(self.model, self.data)
+        self.clock.step += 1
+
+    def check(self) -> None:
+        """Make sure that the state is still finite.
+
+        Raises:
+            DriverError: it is not, now or ever before: nothing that the simulation says can be trusted any more.
+        """
+        if not self._diverged and not (np.isfinite(self.data.qpos).all() and np.isfinite(self.data.qvel).all()):
+            self._diverged = f"the simulated physics diverged before {self.clock.now():.3f} s"
+        if self._diverged:
+            raise DriverError(self._diverged)
+
+    def joint_qpos(self, names: tuple[str, ...]) -> Array:
+        """Addresses (n,) of one-dimensional joints in `data.qpos`."""
+        return np.array([self.model.jnt_qposadr[self.identify("joint", name)] for name in names])
+
+    def joint_qvel(self, names: tuple[str, ...]) -> Array:
+        """Addresses (n,) of one-dimensional joints in `data.qvel`."""
+        return np.array([self.model.jnt_dofadr[self.identify("joint", name)] for name in names])
+
+    def actuators(self, names: tuple[str, ...]) -> Array:
+        """Indices (n,) of the actuators that drive the joints `names`."""
+        joints = [self.identify("joint", name) for name in names]
+        driven = [int(joint) for joint in self.model.actuator_trnid[:, 0]]
+        missing = [name for name, joint in zip(names, joints, strict=True) if joint not in driven]
+        if missing:
+            raise InvalidInput(f"no actuator drives the joints {missing}")
+        return np.array([driven.index(joint) for joint in joints])
+
+    def identify(self, kind: str, name: str) -> int:
+        """Index of a named element; `kind` as in MJCF: joint, body, site, camera, geom.
+
+        Raises:
+            InvalidInput: the model has no such element.
+        """
+        index = mujoco.mj_name2id(self.model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), name)
+        if index < 0:
+            raise InvalidInput(f"the model has no {kind} named {name!r}")
+        return int(index)
+
+
+class Replica:
+    """A second state of the same model in which old snapshots are looked at, so that the running one stays untouched."""
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        self.model = model
+        self.data = mujoco.MjData(model)
+        self._shown: bytes = b""
+
+    def show(self, qpos: Array) -> mujoco.MjData:
+        """The state with the poses of all bodies, geoms, sites and cameras at `qpos`."""
+        key = qpos.tobytes()
+        if key != self._shown:
+            self.data.qpos[:] = qpos
+            mujoco.mj_kinematics(self.model, self.data)
+            mujoco.mj_camlight(self.model, self.data)
+            self._shown = key
+        return self.data
+
+    def site_pose(self, qpos: Array, site: int) -> Array:
+        """`T_map_site` (4, 4) at `qpos`."""
+        data = self.show(qpos)
+        T = np.eye(4)
+        T[:3, :3] = data.site_xmat[site].reshape(3, 3)
+        T[:3, 3] = data.site_xpos[site]
+        return T

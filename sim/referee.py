@@ -1,0 +1,191 @@
+"""The referee: the only one who sees the truth, and who tells it to the run folder alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from grape.geometry import wrap_angle, yaw_of
+from grape.messages import Array, Odometry
+from grape.robots import RobotDescription
+from grape.sim.areas import polygons_touch
+from grape.sim.compose import BASE_BODY, DISPENSER
+from grape.sim.hanging import DispenserPlace, HangingJudge
+from grape.sim.parts import Part, PartTable
+from grape.sim.physics import Physics
+from grape.sim.worlds.model import World
+
+_PATH_PERIOD_STEPS = 100  # 5 Hz
+_FENCE_PERIOD_STEPS = 50
+
+
+@dataclass(kw_only=True)
+class Collision:
+    """Two parts that touched though they should not: when first, and how hard at most."""
+
+    a: str
+    b: str
+    force_n: float
+    time_s: float
+
+
+@dataclass(kw_only=True)
+class _Errors:
+    count: int = 0
+    squared_m2: float = 0.0
+    squared_rad2: float = 0.0
+    largest_m: float = 0.0
+
+    def add(self, distance: float, angle: float) -> None:
+        self.count += 1
+        self.squared_m2 += distance**2
+        self.squared_rad2 += angle**2
+        self.largest_m = max(self.largest_m, distance)
+
+    def summary(self) -> dict[str, float | None]:
+        if not self.count:
+            return {"position_rmse_m": None, "yaw_rmse_deg": None, "max_error_m": None}
+        return {
+            "position_rmse_m": float(np.sqrt(self.squared_m2 / self.count)),
+            "yaw_rmse_deg": float(np.degrees(np.sqrt(self.squared_rad2 / self.count))),
+            "max_error_m": self.largest_m,
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathSample:
+    """Where base_link really was (m, rad, map frame), and how far off the robot's own estimate was."""
+
+    time_s: float
+    x: float
+    y: float
+    yaw: float
+    error_m: float | None = None
+
+
+@dataclass(kw_only=True)
+class _Fences:
+    polygons: tuple[Array, ...]
+    inside: set[int] = field(default_factory=set)
+    crossings: int = 0
+
+    def observe(self, footprint: Array) -> None:
+        now = {k for k, polygon in enumerate(self.polygons) if polygons_touch(footprint, polygon)}
+        self.crossings += len(now - self.inside)
+        self.inside = now
+
+
+class Referee:
+    """Watches a scene and judges it.
+
+    Args:
+        physics: the scene.
+        world: what stands in it, with the truth about spurs and nails.
+        robot: whose footprint must stay out of the fences.
+    """
+
+    def __init__(self, physics: Physics, world: World, robot: RobotDescription) -> None:
+        self._physics = physics
+        self._parts = PartTable.of(physics.model, world, robot)
+        self._judge = HangingJudge(physics, world, self._parts)
+        self._footprint = robot.base.footprint
+        self._fences = _Fences(polygons=tuple(fence.polygon for fence in world.site.fences))
+        self._base = physics.identify("body", BASE_BODY)
+        self._collisions: dict[tuple[str, str], Collision] = {}
+        self._max_plant_force = 0.0
+        self._errors = _Errors()
+        self._path: list[PathSample] = []
+
+    @property
+    def path(self) -> tuple[PathSample, ...]:
+        """The true path so far, five samples a second."""
+        return tuple(self._path)
+
+    @property
+    def collisions(self) -> tuple[Collision, ...]:
+        """Every pair of parts that touched though they should not."""
+        return tuple(self._collisions.values())
+
+    def observe(self, estimate: Odometry | None = None) -> None:
+        """Look at the present state; call it once a beat.
+
+        Args:
+            estimate: the robot's own estimate of base_link in the map, to be held against the truth.
+        """
+        self._observe_contacts()
+        T_map_base = self._true_pose()
+        error_m = self._compare(T_map_base, estimate)
+        step = self._physics.clock.step
+        if step % _FENCE_PERIOD_STEPS < 5:
+            footprint = self._footprint @ T_map_base[:2, :2].T + T_map_base[:2, 3]
+            self._fences.observe(footprint)
+        if step % _PATH_PERIOD_STEPS < 5:
+            x, y = (float(value) for value in T_map_base[:2, 3])
+            now = self._physics.clock.now()
+            self._path.append(PathSample(time_s=now, x=x, y=y, yaw=yaw_of(T_map_base), error_m=error_m))
+
+    def verdict(self) -> dict[str, Any]:
+        """What really happened, as `truth` and `localization` of result.json."""
+        places = self._judge.places()
+        hanging = {place.plant: place for place in places if place.plant is not None}
+        plants = {
+            plant.id: {
+                "hanging": plant.id in hanging,
+                "offset_mm": round(hanging[plant.id].offset_mm, 1) if plant.id in hanging else None,
+            }
+            for plant in self._judge.plants
+        }
+        return {
+            "truth": {
+                "hanging": sorted(hanging),
+                "dropped": sum(place.where == DispenserPlace.DROPPED for place in places),
+                "in_feeder": sum(place.where == DispenserPlace.FEEDER for place in places),
+                "on_hand": sum(place.where == DispenserPlace.HAND for place in places),
+                "collisions": [
+                    {"a": c.a, "b": c.b, "force_n": round(c.force_n, 2), "time_s": round(c.time_s, 3)}
+                    for c in self._collisions.values()
+                ],
+                "fence_crossings": self._fences.crossings,
+                "max_plant_force_n": round(self._max_plant_force, 2),
+                "plants": plants,
+            },
+            "localization": self._errors.summary(),
+        }
+
+    def _true_pose(self) -> Array:
+        data = self._physics.data
+        T = np.eye(4)
+        T[:3, :3] = data.xmat[self._base].reshape(3, 3)
+        T[:3, 3] = data.xpos[self._base]
+        return T
+
+    def _compare(self, T_map_base: Array, estimate: Odometry | None) -> float | None:
+        if estimate is None:
+            return None
+        distance = float(np.linalg.norm(estimate.pose[:2, 3] - T_map_base[:2, 3]))
+        self._errors.add(distance, float(wrap_angle(yaw_of(estimate.pose) - yaw_of(T_map_base))))
+        return distance
+
+    def _observe_contacts(self) -> None:
+        contacts = self._physics.data.contact
+        if not len(contacts):
+            return
+        pairs = contacts.geom
+        watched = np.flatnonzero(self._parts.forbidden(pairs))
+        forces: dict[tuple[str, str], float] = {}
+        wrench = np.zeros(6)
+        for k in watched:
+            first, second = (int(geom) for geom in pairs[k])
+            mujoco.mj_contactForce(self._physics.model, self._physics.data, int(k), wrench)
+            key = self._parts.pair_names(first, second)
+            forces[key] = forces.get(key, 0.0) + abs(float(wrench[0]))
+            if self._parts.is_a(first, Part.PLANT) or self._parts.is_a(second, Part.PLANT):
+                self._max_plant_force = max(self._max_plant_force, forces[key])
+        for key, force in forces.items():
+            known = self._collisions.setdefault(
+                key, Collision(a=key[0], b=key[1], force_n=0.0, time_s=self._physics.clock.now())
+            )
+            known.force_n = max(known.force_n, force)

@@ -1,0 +1,162 @@
+"""A robot in a world, simulated: clock, drivers, one beat at a time, and a referee who alone sees the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from grape.drivers import Drivers
+from grape.geometry import pose, rotation_to_quaternion, rotation_z
+from grape.messages import Array
+from grape.robots import RobotDescription
+from grape.sim.compose import BASE_JOINT, DISPENSER, compose
+from grape.sim.drivers import SensorOptions, connect
+from grape.sim.faults import Fault, apply_fault
+from grape.sim.physics import Physics, SimulatedClock
+from grape.sim.raycast import Raycaster
+from grape.sim.referee import Referee
+from grape.sim.render import Renderer, View
+from grape.sim.worlds.model import World
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulationOptions:
+    """How a scene starts."""
+
+    dispensers: int = 8  # in the feeder, from the lowest level up
+    arm_pose: str = "travel"
+    settle_s: float = 1.0  # of physics before time 0
+    sensors: SensorOptions = field(default_factory=SensorOptions)
+
+
+class Simulation:
+    """One robot in one world.
+
+    Args:
+        world: what stands where.
+        robot: the robot's description; it starts at the site's start pose.
+        seed: of every sensor's noise.
+
+    Raises:
+        InvalidInput: robot and options do not fit together.
+    """
+
+    def __init__(
+        self, world: World, robot: RobotDescription, *, seed: int = 0, options: SimulationOptions | None = None
+    ) -> None:
+        self.options = options or SimulationOptions()
+        self.world = world
+        self.robot = robot
+        self._physics = Physics(compose(world, robot, self.options.dispensers))
+        self._place()
+        self._drivers = connect(
+            self._physics, robot, world.site.datum, Raycaster(world).cast, seed, self.options.sensors
+        )
+        self._settle()
+        self._drivers.sample(0)
+        self.referee = Referee(self._physics, world, robot)
+        self._renderers: dict[tuple[int, int], Renderer] = {}
+
+    @property
+    def clock(self) -> SimulatedClock:
+        """Simulated time."""
+        return self._physics.clock
+
+    @property
+    def drivers(self) -> Drivers:
+        """What a mission may know and move."""
+        return self._drivers.ports
+
+    def advance(self, steps: int = 5) -> None:
+        """Let so many physics steps of 2 ms pass; 5 are one beat.
+
+        Raises:
+            DriverError: the physics has diverged; the mission must end.
+        """
+        for _ in range(steps):
+            self._drivers.actuate()
+            self._physics.step()
+            self._drivers.sample(self._physics.clock.step)
+        self._physics.check()
+
+    def inject(self, fault: Fault) -> None:
+        """Let something go wrong, now."""
+        apply_fault(fault, self._physics, self._drivers)
+
+    def render(self, camera: str | View | None = None, width: int = 960, height: int = 720) -> Array:
+        """A picture (h, w, 3) RGB uint8 for people, by a camera of the model or a free one (default: after the robot)."""
+        size = (width, height)
+        if size not in self._renderers:
+            self._renderers[size] = Renderer(self._physics.model, width, height, pretty=True)
+        return self._renderers[size].color(self._physics.data, camera or self.chase_view())
+
+    def chase_view(self, distance_m: float = 3.2, azimuth_deg: float = 140.0, elevation_deg: float = -22.0) -> View:
+        """A free camera that looks at the robot, turned with it."""
+        base = self._physics.data.body("base_link")
+        yaw = np.degrees(np.arctan2(base.xmat[3], base.xmat[0]))
+        return View(
+            target=base.xpos + np.array([0.0, 0.0, 0.35]),
+            distance_m=distance_m,
+            azimuth_deg=float(yaw) + azimuth_deg,
+            elevation_deg=elevation_deg,
+        )
+
+    def close(self) -> None:
+        """Give the graphics memory back."""
+        self._drivers.close()
+        for renderer in self._renderers.values():
+            renderer.close()
+        self._renderers.clear()
+
+    def _place(self) -> None:
+        """Put the robot on the ground at the site's start, its arm in the start pose and the loops in the feeder."""
+        physics, robot, site = self._physics, self.robot, self.world.site
+        heading = rotation_z(site.start_heading_rad)
+        corners = site.start + robot.base.footprint @ heading[:2, :2].T
+        ground = self.world.terrain.height(np.vstack([corners, site.start]))
+        T_map_base = pose(
+            _upright(corners, ground[:-1]) @ heading,
+            (*site.start, ground.max() + _rest_height(physics) + 0.005),
+        )
+        _set_free_joint(physics, BASE_JOINT, T_map_base)
+        poses = robot.arm.poses
+        start = poses.get(self.options.arm_pose, poses["home"])
+        physics.data.qpos[physics.joint_qpos(robot.arm.joints)] = start
+        closed = [robot.gripper.thumb_clear, robot.gripper.closed_angle, robot.gripper.closed_angle]
+        physics.data.qpos[physics.joint_qpos(robot.gripper.joints)] = closed
+        for index in range(self.options.dispensers):
+            T_map_loop = T_map_base @ robot.feeder.T_base_link_level(index)
+            _set_free_joint(physics, f"{DISPENSER}{index}", T_map_loop)
+        mujoco.mj_forward(physics.model, physics.data)
+
+    def _settle(self) -> None:
+        """Let wheels sink in and loops come to rest, then start the clock at 0."""
+        for _ in range(round(self.options.settle_s * 500)):
+            self._drivers.actuate()
+            mujoco.mj_step(self._physics.model, self._physics.data)
+        self._physics.data.time = 0.0
+        self._physics.check()
+
+
+def _rest_height(physics: Physics) -> float:
+    """z of base_link in its MJCF: what it is above flat ground."""
+    return float(physics.model.body_pos[physics.identify("body", "base_link")][2])
+
+
+def _upright(corners: Array, heights: Array) -> Array:
+    """The rotation (3, 3) that tilts a level body onto the plane through points (n, 2) of these heights (n,)."""
+    design = np.column_stack([corners - corners.mean(axis=0), np.ones(len(corners))])
+    slope_x, slope_y, _ = np.linalg.lstsq(design, heights, rcond=None)[0]
+    x, y = np.array([1.0, 0.0, slope_x]), np.array([0.0, 1.0, slope_y])
+    x = x / np.linalg.norm(x)
+    z = np.cross(x, y)
+    z = z / np.linalg.norm(z)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def _set_free_joint(physics: Physics, name: str, T_map_body: Array) -> None:
+    address = physics.model.jnt_qposadr[physics.identify("joint", name)]
+    physics.data.qpos[address : address + 3] = T_map_body[:3, 3]
+    physics.data.qpos[address + 3 : address + 7] = rotation_to_quaternion(T_map_body[:3, :3])
