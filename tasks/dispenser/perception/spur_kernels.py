@@ -190,8 +190,8 @@ def grow(points, tip, direction, view, lateral_m, depth_m, wide_m, iterations): 
         if np.dot(axis, direction) < 0:
             axis = -axis
         position = offset @ axis
-        result[0] = mean + axis * np.percentile(position, 98.5)
-        result[1] = mean + axis * np.percentile(position, 1.5)
+        result[0] = mean + axis * np.percentile(position, 99.5)
+        result[1] = mean + axis * np.percentile(position, 0.5)
         result[2] = axis
         direction, centre = axis, result[0] - 0.03 * axis
     return result, member

@@ -21,8 +21,10 @@ class RefineOptions:
         lateral_m, depth_m: a point belongs to the spur when it is this near to the axis, across and along the view.
         wide_m: lateral half-width in which widths are measured.
         gap_m: a lateral gap this wide separates a spur from what is beside it.
-        tip_back_m: taken off the measured tip: noise and the voxel's size carry it beyond the end.
-        diameter_bias_m: taken off the measured width, for the same reason.
+        tip_beyond_m: added to the measured tip, the 99.5th percentile of the points along the axis; negative for a
+            camera that smears objects outwards.
+        diameter_bias_m: taken off the measured width, for such a camera.
+        depth_share: the camera sees the near half of the bark; the axis lies this share of the diameter behind it.
     """
 
     iterations: int = 4
@@ -30,8 +32,9 @@ class RefineOptions:
     depth_m: float = 0.014
     wide_m: float = 0.020
     gap_m: float = 0.005
-    tip_back_m: float = 0.001
+    tip_beyond_m: float = 0.001
     diameter_bias_m: float = 0.0
+    depth_share: float = 0.32
 
     def __post_init__(self) -> None:
         if self.iterations < 1 or min(self.lateral_m, self.depth_m, self.wide_m, self.gap_m) <= 0:
@@ -78,13 +81,14 @@ def measure_spur(tip: Array, direction: Array, scene: Surroundings, options: Ref
     axis, member = grow(near, *guess, view, *sizes)
     if not member.any():
         return None
-    tip, base, direction = axis[0] - options.tip_back_m * axis[2], axis[1], axis[2]
+    tip, base, direction = axis[0] + options.tip_beyond_m * axis[2], axis[1], axis[2]
     across, away = lateral_frame(direction, view)
     diameter = _stem_width(near, tip, base, (direction, across, away), options) - options.diameter_bias_m
     counts = _count_around(near, tip, base, direction, scene)
+    inwards = options.depth_share * diameter * away
     return SpurMeasure(
-        tip=tip,
-        base=base,
+        tip=tip + inwards,
+        base=base + inwards,
         direction=direction,
         diameter_m=diameter,
         own=int(member.sum()),

@@ -97,7 +97,7 @@ def extract_poses(
             found.append((spur, score_factors(spur, up, 1.0 if reach is None else reach(spur.tip), options.score)))
         report(60.0 + 40.0 * (k + 1) / len(candidates))
     report(100.0)
-    return _best_of_groups([_pose_of(*pair) for pair in found], options)
+    return _best_of_groups([_pose_of(*pair) for pair in found], options.min_score, options.group_m)
 
 
 def _prepare(points: Array, options: SpurOptions) -> Array:
@@ -149,11 +149,11 @@ def _pose_of(spur: SpurMeasure, factors: dict[str, float]) -> DeploymentPose:
     )
 
 
-def _best_of_groups(poses: list[DeploymentPose], options: SpurOptions) -> tuple[DeploymentPose, ...]:
+def _best_of_groups(poses: list[DeploymentPose], min_score: float, group_m: float) -> tuple[DeploymentPose, ...]:
     """Best first; of poses with near tips, or on one axis within 90 mm, only the best."""
     kept: list[DeploymentPose] = []
-    for pose in sorted((p for p in poses if p.score >= options.min_score), key=lambda p: -p.score):
-        if not any(_same_spur(pose, other, options.group_m) for other in kept):
+    for pose in sorted((p for p in poses if p.score >= min_score), key=lambda p: -p.score):
+        if not any(_same_spur(pose, other, group_m) for other in kept):
             kept.append(pose)
     return tuple(kept)
 
@@ -208,7 +208,7 @@ def merge_poses(
             groups.append([pose])
     full = min(options.support, max(len(views), 1))
     merged = [_merge_group(group, full, options.single) for group in groups]
-    return tuple(sorted((p for p in merged if p.score >= options.min_score), key=lambda p: -p.score))
+    return _best_of_groups(merged, options.min_score, options.group_m)
 
 
 def _merge_group(group: list[DeploymentPose], full: int, single: float) -> DeploymentPose:
