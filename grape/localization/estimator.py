@@ -84,7 +84,8 @@ class PoseEstimator:
         gnss: tuple[NavSatFix, ...] = (),
     ) -> Odometry:
         """Fuse new messages in the order of their stamps and give the odometry of base_link in map at `stamp` (s)."""
-        for message in sorted((*wheels, *imu, *gnss), key=lambda m: m.stamp):
+        messages: list[JointState | Imu | NavSatFix] = [*wheels, *imu, *gnss]
+        for message in sorted(messages, key=lambda m: m.stamp):
             self._take(message)
         return self.odometry(stamp)
 

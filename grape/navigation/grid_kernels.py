@@ -1,0 +1,183 @@
+"""Compiled inner loops over grids."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from grape.messages import Array
+
+_LETHAL = 254
+
+
+@njit(cache=True)
+def footprint_hits(
+    cost: Array, x_min: float, y_min: float, step: float, poses: Array, front: float, rear: float, half: float
+) -> Array:
+    """Which poses (n, 3) have the centre of a lethal cell under the rectangle."""
+    hits = np.zeros(poses.shape[0], dtype=np.bool_)
+    rows, columns = cost.shape
+    for k in range(poses.shape[0]):
+        x, y = poses[k, 0], poses[k, 1]
+        c, s = np.cos(poses[k, 2]), np.sin(poses[k, 2])
+        reach_x = max(front, rear) * abs(c) + half * abs(s)
+        reach_y = max(front, rear) * abs(s) + half * abs(c)
+        i0 = max(0, int(np.floor((y - reach_y - y_min) / step)))
+        i1 = min(rows - 1, int(np.floor((y + reach_y - y_min) / step)))
+        j0 = max(0, int(np.floor((x - reach_x - x_min) / step)))
+        j1 = min(columns - 1, int(np.floor((x + reach_x - x_min) / step)))
+        for i in range(i0, i1 + 1):
+            for j in range(j0, j1 + 1):
+                if cost[i, j] != _LETHAL:
+                    continue
+                dx, dy = x_min + (j + 0.5) * step - x, y_min + (i + 0.5) * step - y
+                along, across = c * dx + s * dy, -s * dx + c * dy
+                if -rear <= along <= front and abs(across) <= half:
+                    hits[k] = True
+                    break
+            if hits[k]:
+                break
+    return hits
+
+
+@njit(cache=True)
+def mark_and_clear(
+    evidence: Array,
+    x_min: float,
+    y_min: float,
+    step: float,
+    sensor: Array,
+    ends: Array,
+    hit: Array,
+    gain: int,
+    loss: int,
+    most: int,
+) -> None:
+    """Add `gain` to the cells where beams end in a hit and take `loss` from the cells they pass, within 0..most.
+
+    Beams go from `sensor` (2,) to `ends` (n, 2) m; a cell that one beam hits is not cleared by the others.
+    """
+    rows, columns = evidence.shape
+    touched = np.zeros((rows, columns), dtype=np.uint8)
+    for k in range(ends.shape[0]):
+        if hit[k]:
+            i, j = int(np.floor((ends[k, 1] - y_min) / step)), int(np.floor((ends[k, 0] - x_min) / step))
+            if 0 <= i < rows and 0 <= j < columns and touched[i, j] == 0:
+                touched[i, j] = 1
+                evidence[i, j] = min(most, evidence[i, j] + gain)
+    for k in range(ends.shape[0]):
+        dx, dy = ends[k, 0] - sensor[0], ends[k, 1] - sensor[1]
+        length = np.sqrt(dx * dx + dy * dy)
+        if hit[k]:
+            length -= 1.5 * step
+        steps = int(length / (0.7 * step))
+        if steps <= 0:
+            continue
+        ux, uy = dx / np.sqrt(dx * dx + dy * dy) * 0.7 * step, dy / np.sqrt(dx * dx + dy * dy) * 0.7 * step
+        for n in range(steps):
+            i = int(np.floor((sensor[1] + n * uy - y_min) / step))
+            j = int(np.floor((sensor[0] + n * ux - x_min) / step))
+            if i < 0 or j < 0 or i >= rows or j >= columns:
+                continue
+            if touched[i, j] == 0:
+                touched[i, j] = 2
+                evidence[i, j] = max(0, evidence[i, j] - loss)
+
+
+@njit(cache=True)
+def search(cost: Array, start: int, goal: int, weight: float, most: int) -> Array:
+    """A* over eight neighbours; cells come back as flat indices from start to goal, empty when there is no way.
+
+    A step costs its length times (1 + weight cost / 252); cells with a cost above `most` are closed, except that the
+    start may lie among closed inscribed cells and leave them.
+    """
+    rows, columns = cost.shape
+    total = np.full(rows * columns, np.inf)
+    parent = np.full(rows * columns, -1, dtype=np.int64)
+    done = np.zeros(rows * columns, dtype=np.bool_)
+    heap_f = np.empty(8 * rows * columns + 8)
+    heap_c = np.empty(8 * rows * columns + 8, dtype=np.int64)
+    goal_i, goal_j = goal // columns, goal % columns
+    total[start] = 0.0
+    heap_f[0], heap_c[0] = 0.0, start
+    size = 1
+    diagonal = np.sqrt(2.0)
+    while size > 0:
+        cell = heap_c[0]
+        size -= 1
+        f_last, c_last = heap_f[size], heap_c[size]
+        k = 0
+        while True:  # sift down
+            child = 2 * k + 1
+            if child >= size:
+                break
+            if child + 1 < size and heap_f[child + 1] < heap_f[child]:
+                child += 1
+            if heap_f[child] >= f_last:
+                break
+            heap_f[k], heap_c[k] = heap_f[child], heap_c[child]
+            k = child
+        heap_f[k], heap_c[k] = f_last, c_last
+        if done[cell]:
+            continue
+        done[cell] = True
+        if cell == goal:
+            break
+        i, j = cell // columns, cell % columns
+        leaving = cost[i, j] > most
+        for di in range(-1, 2):
+            for dj in range(-1, 2):
+                if di == 0 and dj == 0:
+                    continue
+                a, b = i + di, j + dj
+                if a < 0 or b < 0 or a >= rows or b >= columns:
+                    continue
+                c = cost[a, b]
+                if c >= 254 or (c > most and not leaving):
+                    continue
+                near = a * columns + b
+                if done[near]:
+                    continue
+                step = diagonal if di != 0 and dj != 0 else 1.0
+                g = total[cell] + step * (1.0 + weight * c / 252.0)
+                if g >= total[near]:
+                    continue
+                total[near], parent[near] = g, cell
+                x, y = abs(a - goal_i), abs(b - goal_j)
+                f = g + max(x, y) + (diagonal - 1.0) * min(x, y)
+                k = size
+                size += 1
+                while k > 0:  # sift up
+                    up = (k - 1) // 2
+                    if heap_f[up] <= f:
+                        break
+                    heap_f[k], heap_c[k] = heap_f[up], heap_c[up]
+                    k = up
+                heap_f[k], heap_c[k] = f, near
+    if not done[goal]:
+        return np.empty(0, dtype=np.int64)
+    count, cell = 1, goal
+    while cell != start:
+        cell = parent[cell]
+        count += 1
+    path = np.empty(count, dtype=np.int64)
+    cell = goal
+    for n in range(count - 1, -1, -1):
+        path[n] = cell
+        cell = parent[cell]
+    return path
+
+
+@njit(cache=True)
+def worst_on_segment(cost: Array, i0: float, j0: float, i1: float, j1: float) -> int:
+    """The largest cost under a straight line between two points in cell units."""
+    length = np.sqrt((i1 - i0) ** 2 + (j1 - j0) ** 2)
+    steps = int(np.ceil(length / 0.5)) + 1
+    worst = 0
+    for n in range(steps + 1):
+        s = n / steps
+        i, j = int(np.floor(i0 + s * (i1 - i0))), int(np.floor(j0 + s * (j1 - j0)))
+        if i < 0 or j < 0 or i >= cost.shape[0] or j >= cost.shape[1]:
+            return 255
+        worst = max(worst, int(cost[i, j]))
+    return worst
