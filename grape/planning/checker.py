@@ -1,0 +1,142 @@
+"""Whether an arm state or a straight joint motion is free of collision, and by how much."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from grape.errors import InvalidInput
+from grape.messages import Array
+from grape.planning.distance_field import DistanceField, empty_field
+from grape.planning.spheres import SphereModel
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckerOptions:
+    """Margins of the check.
+
+    Args:
+        padding_m: least gap to the cloud and to boxes; it also covers the voxel error (at most 0.87 of a voxel).
+        self_padding_m: least gap between links.
+        least_step_m: shortest step along an edge, as a bound on how far any point of the arm moves.
+    """
+
+    padding_m: float = 0.01
+    self_padding_m: float = 0.0
+    least_step_m: float = 0.01
+
+    def __post_init__(self) -> None:
+        if not self.least_step_m > 0.0:
+            raise InvalidInput(f"least_step_m must be positive, got {self.least_step_m}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nearest:
+    """The nearest thing at a state.
+
+    Attributes:
+        clearance_m: what is left of the gap after the padding; negative when too near. Cut off at the field's reach.
+        link: the link, or an empty string when nothing is within reach.
+        other: "cloud", the box's name, the other link, or an empty string.
+    """
+
+    clearance_m: float
+    link: str
+    other: str
+
+    def __str__(self) -> str:
+        if not self.link:
+            return f"nothing within {self.clearance_m * 1e3:.0f} mm"
+        if self.clearance_m < 0:
+            return f"{self.link} is {-self.clearance_m * 1e3:.0f} mm too near to {self.other}"
+        return f"{self.link} is {self.clearance_m * 1e3:.0f} mm from {self.other}"
+
+
+class StateChecker:
+    """Spheres of the arm against the perceived cloud, static boxes and the arm itself.
+
+    Args:
+        model: the arm's spheres; `SphereModel.holding` adds a held thing.
+        field: the perceived cloud; free space when None.
+        options: margins.
+    """
+
+    def __init__(
+        self, model: SphereModel, field: DistanceField | None = None, options: CheckerOptions | None = None
+    ) -> None:
+        from grape.planning import _collision_kernels
+
+        self.model = model
+        self.field = field or empty_field()
+        self.options = options or CheckerOptions()
+        self._model = (model.placements, model.spheres, model.capsule_pairs, model.box_table, model.box_mask)
+        self._scene = (self.field.distance, self.field.grid)
+        self._kernels = _collision_kernels
+        self.checked = 0  # states looked at since the start, a measure of work that no clock disturbs
+
+    def is_valid(self, q: Array) -> bool:
+        """Whether nothing is nearer than the paddings at joint angles `q` (n,) rad."""
+        self.checked += 1
+        options = self.options
+        return self._kernels.state_valid(
+            self._joints(q), self._model, self._scene, options.padding_m, options.self_padding_m
+        )
+
+    def clearance(self, q: Array) -> float:
+        """What is left of the smallest gap after the padding, m; negative when too near, at most the field's reach."""
+        return self._least(q)[0]
+
+    def nearest(self, q: Array) -> Nearest:
+        """The nearest thing and which link it threatens."""
+        clearance, kind, sphere, other = self._least(q)
+        kernels = self._kernels
+        if kind == kernels.NOTHING:
+            return Nearest(clearance_m=clearance, link="", other="")
+        names = {kernels.CLOUD: "cloud"}
+        if kind == kernels.BOX:
+            names[kind] = self.model.boxes[other].name
+        elif kind == kernels.SELF:
+            names[kind] = self.model.links[other]
+        return Nearest(clearance_m=clearance, link=self.model.links[sphere], other=names[kind])
+
+    def edge_valid(self, q0: Array, q1: Array) -> bool:
+        """Whether the straight joint motion from `q0` to `q1`, both (n,) rad, keeps the paddings all along."""
+        return self._edge(q0, q1, self.options.padding_m)
+
+    def edge_valid_unpadded(self, q0: Array, q1: Array) -> bool:
+        """As `edge_valid`, but without the padding to the cloud and boxes: for leaving a place that is too near."""
+        return self._edge(q0, q1, 0.0)
+
+    def path_valid(self, waypoints: Array) -> bool:
+        """Whether every edge of the polyline (k, n) is valid."""
+        return all(self.edge_valid(a, b) for a, b in pairwise(waypoints))
+
+    def _least(self, q: Array) -> tuple[float, int, int, int]:
+        self.checked += 1
+        options = self.options
+        return self._kernels.least_clearance(
+            self._joints(q), self._model, self._scene, options.padding_m, options.self_padding_m
+        )
+
+    def _edge(self, q0: Array, q1: Array, padding: float) -> bool:
+        options = self.options
+        valid, checked = self._kernels.edge_valid(
+            self._joints(q0),
+            self._joints(q1),
+            self.model.reach,
+            self._model,
+            self._scene,
+            padding,
+            options.self_padding_m,
+            options.least_step_m,
+        )
+        self.checked += checked
+        return valid
+
+    def _joints(self, q: Array) -> Array:
+        q = np.ascontiguousarray(q, dtype=float)
+        if q.shape != (self.model.joint_count,):
+            raise InvalidInput(f"joint angles must have shape ({self.model.joint_count},), got {q.shape}")
+        return q
