@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import pkgutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,3 +50,22 @@ def _folder(package: str) -> Path:
     if spec is None or spec.origin is None:
         return Path("/nonexistent")
     return Path(spec.origin).parent
+
+
+def nodes(task: str) -> dict[str, Any]:
+    """Every action and condition that a tree of this task may use, by name: those of grape and those of the task."""
+    from grape.actions.core import Action, Condition
+
+    found: dict[str, Any] = {}
+    for package in ("grape.actions", f"grape.tasks.{task}"):
+        for module in _modules(package):
+            for thing in vars(module).values():
+                if isinstance(thing, Action | Condition):
+                    found[thing.name] = thing
+    return dict(sorted(found.items()))
+
+
+def _modules(package: str) -> list[Any]:
+    root = importlib.import_module(package)
+    names = sorted(info.name for info in pkgutil.walk_packages(root.__path__, f"{package}."))
+    return [root, *(importlib.import_module(name) for name in names)]

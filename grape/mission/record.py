@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from enum import Enum
 from pathlib import Path
 from typing import Any, TextIO
@@ -25,9 +25,17 @@ class RunRecorder:
     Args:
         folder: exists and holds no events yet.
         max_pictures: pictures beyond that are counted, not kept.
+        observer: is shown every event as it is written.
     """
 
-    def __init__(self, folder: Path, clock: Clock, max_pictures: int = 200) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        clock: Clock,
+        max_pictures: int = 200,
+        observer: Callable[[dict[str, Any]], None] = lambda event: None,
+    ) -> None:
+        self._observer = observer
         self._folder = folder
         self._clock = clock
         self._max_pictures = max_pictures
@@ -38,6 +46,7 @@ class RunRecorder:
         """One line: time, kind and the fields; arrays become rounded lists, NaN and infinity null."""
         line = {"t": round(self._clock.now(), DECIMALS), "kind": kind, **{k: plain(v) for k, v in fields.items()}}
         self._file.write(json.dumps(line, allow_nan=False, separators=(", ", ": "), ensure_ascii=False) + "\n")
+        self._observer(line)
 
     def picture(self, name: str, bgr: Array) -> None:
         """A camera picture as `pictures/NNN_name.png`, and an event that names it."""

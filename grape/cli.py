@@ -1,0 +1,124 @@
+"""The command line: run, list, check, render. Heavy imports wait until a command needs them."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from grape import __version__
+
+EXIT = {"succeeded": 0, "partial": 2, "failed": 3, "aborted": 130}
+INPUT_ERROR = 1
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Mobile-manipulation tasks as behaviour trees, in simulation and on real robots with the same trees.",
+    epilog="Exit codes: 0 succeeded, 1 error in the input, 2 partial, 3 failed, 130 aborted (Ctrl-C).",
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"grape {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _main(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
+) -> None:
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
+
+Assignments = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Any key of the mission file; repeatable.")
+]
+WorldFile = Annotated[
+    Path | None, typer.Option("--world", metavar="FILE", help="Another world: its YAML, or a site's GeoJSON.")
+]
+
+
+@app.command()
+def run(
+    mission: Annotated[
+        str, typer.Argument(help="Name of a built-in mission, or a YAML file.")
+    ] = "dispenser_deployment",
+    seed: Annotated[int | None, typer.Option(help="Seed of world and sensors.", min=0)] = None,
+    out: Annotated[Path | None, typer.Option(help="Run folder; default runs/<mission>-seed<N>-<n>.")] = None,
+    world: WorldFile = None,
+    assignments: Assignments = None,
+    render: Annotated[bool, typer.Option("--render", help="Keep pictures of a camera that follows the robot.")] = False,
+) -> None:
+    """Run a mission in simulation and write its run folder.
+
+    Exit codes: 0 every plant served, 1 error in the input, 2 some plants served, 3 none or a crash, 130 aborted.
+    """
+    from grape.mission.command import run_command
+
+    raise typer.Exit(EXIT[run_command(mission, seed, out, world, assignments or [], render)])
+
+
+@app.command("list")
+def list_() -> None:
+    """List missions, trees, robots, tasks, worlds, and action nodes with their ports."""
+    from grape.mission.listing import print_catalog
+
+    print_catalog()
+
+
+@app.command()
+def check(
+    files: Annotated[list[str], typer.Argument(help="Missions, worlds, sites, trees, MJCF files, or built-in names.")],
+    task: Annotated[str, typer.Option(help="Task whose nodes a tree may use.")] = "dispenser",
+) -> None:
+    """Check files and list every problem with its place: exit code 1 when there is one."""
+    from grape.mission.check import check_files
+
+    kinds, problems = check_files(files, task)
+    for name, kind in kinds.items():
+        typer.echo(f"{name}: ok, {kind}")
+    for problem in problems:
+        typer.echo(str(problem), err=True)
+    raise typer.Exit(INPUT_ERROR if problems else 0)
+
+
+@app.command()
+def render(
+    subject: Annotated[str, typer.Argument(help="A mission or its file, a world's YAML, or a site's GeoJSON.")],
+    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("renders"),
+    seed: Annotated[int | None, typer.Option(help="Seed of the world.", min=0)] = None,
+    assignments: Assignments = None,
+) -> None:
+    """Take pictures of world and robot without running anything."""
+    from grape.mission.pictures import render_scene
+
+    for path in render_scene(subject, out, seed, assignments or []):
+        typer.echo(str(path))
+
+
+def main() -> None:
+    """Entry point: errors in the input end with their text and exit code 1, never with a traceback."""
+    from grape.errors import GrapeError
+
+    try:
+        code = app(standalone_mode=False)
+    except GrapeError as error:
+        typer.echo(f"error: {error}", err=True)
+        code = INPUT_ERROR
+    except typer.Abort:
+        code = EXIT["aborted"]
+    except Exception as error:
+        show = getattr(error, "show", None)  # click's errors in the command line itself
+        if show is None:
+            raise
+        show()
+        code = INPUT_ERROR
+    sys.exit(code if isinstance(code, int) else 0)

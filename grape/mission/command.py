@@ -1,0 +1,63 @@
+"""`grape run` behind its options: signals, live display, summary."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rich.console import Console
+
+from grape.mission.display import ProgressDisplay, summary
+from grape.mission.file import load_mission
+from grape.mission.launch import run_mission
+
+
+class Cancellation:
+    """Remembers that the user asked to stop; a second time ends the program at once."""
+
+    def __init__(self) -> None:
+        self.requested = False
+
+    def __call__(self) -> bool:
+        return self.requested
+
+    @contextmanager
+    def listening(self) -> Iterator[None]:
+        """While the block runs, Ctrl-C and SIGTERM ask instead of killing."""
+
+        def ask(number: int, frame: object) -> None:
+            if self.requested:
+                raise KeyboardInterrupt
+            self.requested = True
+
+        before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+
+def run_command(
+    name: str, seed: int | None, out: Path | None, world: Path | None, assignments: list[str], render: bool
+) -> str:
+    """Run a mission as `grape run` does; returns its status.
+
+    Raises:
+        GrapeError: the input has problems.
+    """
+    console = Console()
+    overrides = [*assignments, *([f"seed={seed}"] if seed is not None else [])]
+    mission = load_mission(name, overrides, world)
+    console.print(
+        f"[bold]{mission.name}[/] with {mission.file.robot}, seed {mission.seed}, {len(mission.plants)} plants:"
+        " building world and robot …"
+    )
+    cancellation = Cancellation()
+    with cancellation.listening(), ProgressDisplay(console) as display:
+        done = run_mission(mission, out, cancelled=cancellation, on_progress=display.show, render=render)
+    console.print(summary(done.result))
+    console.print(f"run folder: {done.folder}", highlight=False, soft_wrap=True)
+    return str(done.result["status"])

@@ -1,0 +1,144 @@
+"""`result.json`: what a mission came to, in a form that other programs read (schema `grape.result/1`)."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from grape.actions.core import Outcome
+from grape.mission.file import Mission
+from grape.mission.ledger import SqliteLedger
+from grape.mission.record import plain, write_atomic
+from grape.mission.runner import Finding
+
+SCHEMA = "grape.result/1"
+ENDED = ("succeeded", "aborted", "preempted", "rejected")
+
+
+@dataclass(kw_only=True)
+class PlantRecord:
+    """What the events of one plant add up to.
+
+    Attributes:
+        phases_s: seconds by action name.
+        arrived_s, retracted_s: when the base stood, and when the arm was back.
+        servo: one entry for each servo run.
+    """
+
+    phases_s: dict[str, float] = field(default_factory=dict)
+    arrived_s: float | None = None
+    retracted_s: float | None = None
+    servo: list[dict[str, Any]] = field(default_factory=list)
+
+    @property
+    def cycle_s(self) -> float | None:
+        """From base stop to arm retracted."""
+        if self.arrived_s is None or self.retracted_s is None or self.retracted_s < self.arrived_s:
+            return None
+        return round(self.retracted_s - self.arrived_s, 3)
+
+
+def plant_records(events: Iterable[dict[str, Any]]) -> dict[str, PlantRecord]:
+    """Phases, cycle and servo runs of each plant; what happens between two `plant_started` belongs to the first."""
+    records: dict[str, PlantRecord] = {}
+    current: PlantRecord | None = None
+    for event in events:
+        kind = event["kind"]
+        if kind == "plant_started":
+            current = records.setdefault(str(event["plant"]), PlantRecord())
+        elif current is None:
+            continue
+        elif kind == "action" and event["status"] in ENDED:
+            _add_action(current, event)
+        elif kind == "servo":
+            current.servo.append({key: event.get(key) for key in ("action", "error_px", "iterations", "converged")})
+    return records
+
+
+def _add_action(record: PlantRecord, event: dict[str, Any]) -> None:
+    name, start, end = str(event["name"]), float(event["start"]), float(event["end"])
+    record.phases_s[name] = round(record.phases_s.get(name, 0.0) + end - start, 3)
+    if name == "DriveToPlant":
+        record.arrived_s = end
+    elif name == "Retract":
+        record.retracted_s = end
+
+
+def status_of(finding: Finding, outcomes: Iterable[Outcome | None]) -> str:
+    """succeeded: every plant deployed; partial: some; failed: none, or a crash; aborted: somebody ended it."""
+    if finding.ended_by == "aborted":
+        return "aborted"
+    if finding.ended_by == "crash":
+        return "failed"
+    deployed = [outcome is Outcome.DEPLOYED for outcome in outcomes]
+    return "succeeded" if all(deployed) else "partial" if any(deployed) else "failed"
+
+
+def build_result(
+    mission: Mission,
+    finding: Finding,
+    ledger: SqliteLedger,
+    events: Iterable[dict[str, Any]],
+    verdict: dict[str, Any] | None,
+) -> dict[str, Any]:
+    """The content of result.json; only `wall_time_s` and `real_time_factor` depend on the machine it ran on.
+
+    Args:
+        events: of the run, oldest first.
+        verdict: the referee's `truth` and `localization`; None on a real robot.
+    """
+    events = list(events)
+    records = plant_records(events)
+    tasks = ledger.plants()
+    factor = finding.sim_time_s / finding.wall_time_s if finding.wall_time_s > 0 else 0.0
+    nothing_known = {"position_rmse_m": None, "yaw_rmse_deg": None, "max_error_m": None}
+    localization = (verdict or {}).get("localization") or nothing_known
+    recoveries = sum(event["kind"] == "recovery" for event in events)
+    return {
+        "schema": SCHEMA,
+        "mission": mission.name,
+        "robot": mission.file.robot,
+        "seed": mission.seed,
+        "status": status_of(finding, (task.outcome for task in tasks)),
+        "ended_by": finding.ended_by,
+        "detail": finding.detail,
+        "sim_time_s": round(finding.sim_time_s, 3),
+        "wall_time_s": round(finding.wall_time_s, 3),
+        "real_time_factor": round(factor, 3),
+        "plants": [_plant(task, records.get(task.plant, PlantRecord())) for task in tasks],
+        "dispensers": ledger.account(),
+        "truth": plain((verdict or {}).get("truth")),
+        "localization": {key: _rounded(value) for key, value in localization.items()},
+        "navigation": {"distance_m": round(finding.track.distance_m, 2), "recoveries": recoveries},
+    }
+
+
+def _plant(task: Any, record: PlantRecord) -> dict[str, Any]:
+    last = record.servo[-1] if record.servo else {}
+    return {
+        "id": task.plant,
+        "mode": task.mode,
+        "outcome": str(task.outcome),
+        "reason": task.reason,
+        "attempts": task.attempts,
+        "cycle_s": record.cycle_s,
+        "phases_s": record.phases_s,
+        "servo": {"error_px": last.get("error_px"), "iterations": last.get("iterations"), "runs": record.servo},
+    }
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(float(value), 4)
+
+
+def write_result(result: dict[str, Any], folder: Path) -> None:
+    """Write result.json; it appears whole or not at all."""
+    write_atomic(folder / "result.json", json.dumps(result, indent=2, allow_nan=False, ensure_ascii=False) + "\n")
+
+
+def without_wall_clock(result: dict[str, Any]) -> dict[str, Any]:
+    """A result as two runs of one seed must agree on it."""
+    return {key: value for key, value in result.items() if key not in ("wall_time_s", "real_time_factor")}

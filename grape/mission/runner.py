@@ -1,0 +1,202 @@
+"""One mission from its first beat to its run folder: sense, tick, act, advance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from grape.actions.core import Context, InlineJobs, Outcome
+from grape.clock import Clock, MonotonicClock
+from grape.drivers import Drivers
+from grape.errors import Reason
+from grape.messages import Odometry
+from grape.mission.file import Mission
+from grape.mission.ledger import SqliteLedger
+from grape.mission.progress import Progress, ProgressTracker
+from grape.mission.record import RunRecorder
+from grape.mission.sense import Sensing
+from grape.mission.track import Track
+from grape.world import World
+
+STOPPING_S = 1.0  # simulated after the end, so that the robot stands when the referee looks
+TRACK_PERIOD_S = 0.2
+PROGRESS_PERIOD_S = 0.25  # of the wall clock
+
+
+class Referee(Protocol):
+    """Who knows the truth; its findings reach the run folder alone."""
+
+    def observe(self, estimate: Odometry | None = None) -> None: ...
+
+    def verdict(self) -> dict[str, Any]: ...
+
+
+class Backend(Protocol):
+    """What a mission runs on: a simulation, later the real robot."""
+
+    @property
+    def clock(self) -> Clock: ...
+
+    @property
+    def drivers(self) -> Drivers: ...
+
+    def advance(self) -> None:
+        """Let one beat (10 ms) pass."""
+        ...
+
+
+class Tree(Protocol):
+    """A behaviour tree that is being executed."""
+
+    def tick(self) -> Any: ...
+
+    def halt(self) -> None: ...
+
+
+@dataclass(kw_only=True)
+class Finding:
+    """How a run ended, before it is written down.
+
+    Attributes:
+        ended_by: tree, time_limit, aborted or crash.
+        detail: one sentence for a crash.
+    """
+
+    ended_by: str = "tree"
+    detail: str = ""
+    sim_time_s: float = 0.0
+    wall_time_s: float = 0.0
+    track: Track = field(default_factory=Track)
+
+
+class Runner:
+    """Runs one mission on a backend and fills its folder with events and the ledger.
+
+    Args:
+        robot: models and description (`grape.actions.robot.Robot`).
+        make_tree: from a context to the tree to execute.
+        referee: None on a real robot.
+        cancelled: asked every beat; true ends the mission as aborted.
+        on_progress: called a few times a second of the wall clock.
+        on_beat: called after every beat with the time; for pictures.
+    """
+
+    def __init__(
+        self,
+        mission: Mission,
+        backend: Backend,
+        robot: Any,
+        folder: Path,
+        *,
+        make_tree: Callable[[Context], Tree],
+        referee: Referee | None = None,
+        cancelled: Callable[[], bool] = lambda: False,
+        on_progress: Callable[[Progress], None] = lambda progress: None,
+        on_beat: Callable[[float], None] = lambda now: None,
+    ) -> None:
+        self._mission = mission
+        self._backend = backend
+        self._referee = referee
+        self._cancelled = cancelled
+        self._on_progress = on_progress
+        self._on_beat = on_beat
+        self._tracker = ProgressTracker([plant.plant for plant in mission.plants])
+        self.log = RunRecorder(folder, backend.clock, observer=self._tracker.observe)
+        pairs = [(plant.plant, plant.mode) for plant in mission.plants]
+        self.ledger = SqliteLedger.create(folder / "ledger.sqlite", pairs, mission.file.dispensers)
+        self.context = Context(
+            clock=backend.clock,
+            world=World(site=mission.site),
+            drivers=backend.drivers,
+            robot=robot,
+            jobs=InlineJobs(),
+            log=self.log,
+            ledger=self.ledger,
+            rng=np.random.default_rng([mission.seed, 7]),
+            config=mission.file.actions,
+        )
+        self._sensing = Sensing(backend.drivers, self.context.world, robot)
+        self._make_tree = make_tree
+
+    def run(self) -> Finding:
+        """Beat until the tree ends, time is up, somebody cancels, or something breaks; the robot stands afterwards."""
+        wall = MonotonicClock()
+        finding = Finding()
+        self.log.event("mission_started", mission=self._mission.name, seed=self._mission.seed)
+        tree: Tree | None = None
+        try:
+            tree = self._make_tree(self.context)
+            finding.ended_by = self._beat(tree, finding.track, wall)
+        except KeyboardInterrupt:
+            finding.ended_by = "aborted"
+        except Exception as error:  # whatever broke, the robot stops and the folder is completed
+            finding.ended_by, finding.detail = "crash", f"{type(error).__name__}: {error}"
+        finding.sim_time_s = self._backend.clock.now()
+        finding.wall_time_s = wall.now()
+        self._stop(tree, finding)
+        self._close_account(finding)
+        self.log.event("mission_ended", ended_by=finding.ended_by, detail=finding.detail)
+        return finding
+
+    def close(self) -> None:
+        """Close the files of the folder."""
+        self.log.close()
+        self.ledger.close()
+
+    def _beat(self, tree: Tree, track: Track, wall: MonotonicClock) -> str:
+        clock, next_track, next_progress = self._backend.clock, 0.0, 0.0
+        while True:
+            now = clock.now()
+            self._sensing.update(now)
+            odometry = self.context.world.odometry
+            if self._referee is not None:
+                self._referee.observe(odometry)
+            if odometry is not None and now >= next_track:
+                track.add(now, odometry.pose, float(odometry.linear[0]))
+                next_track = now + TRACK_PERIOD_S - 1e-6
+            if now >= self._mission.file.time_limit_s:
+                return "time_limit"
+            if self._cancelled():
+                return "aborted"
+            if _name(tree.tick()) != "running":
+                return "tree"
+            self._backend.advance()
+            self._on_beat(now)
+            if wall.now() >= next_progress:
+                self._on_progress(self._tracker.progress(now, wall.now()))
+                next_progress = wall.now() + PROGRESS_PERIOD_S
+
+    def _stop(self, tree: Tree | None, finding: Finding) -> None:
+        """Halt every action, stop every actuator, and let the machine come to rest."""
+        try:
+            if tree is not None:
+                tree.halt()
+            self._backend.drivers.stop_all()
+            for _ in range(round(STOPPING_S * 100)):
+                self._backend.advance()
+                if self._referee is not None:
+                    self._referee.observe()
+        except Exception as error:  # a machine that cannot be stopped by its drivers is beyond us: say so
+            finding.detail = f"{finding.detail} stopping failed: {type(error).__name__}: {error}".strip()
+
+    def _close_account(self, finding: Finding) -> None:
+        """Give every plant that was not served a reason."""
+        current = self._tracker.plant
+        empty = self.ledger.dispensers()["feeder"] == 0 or self.context.world.committed.get("feeder_empty")
+        for task in self.ledger.plants():
+            if task.outcome is not None:
+                continue
+            if finding.ended_by == "crash" and task.plant == current:
+                self.ledger.finish(task.plant, Outcome.FAILED, Reason.INTERNAL_ERROR)
+                continue
+            why = finding.ended_by if finding.ended_by != "tree" else Reason.FEEDER_EMPTY if empty else "not_served"
+            self.ledger.finish(task.plant, Outcome.SKIPPED, "not_served" if why == "crash" else why)
+
+
+def _name(status: Any) -> str:
+    """The name of a tree's status, whichever enumeration it is of."""
+    return str(getattr(status, "name", status)).lower()

@@ -1,0 +1,28 @@
+"""Whether a MuJoCo model file compiles."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import mujoco
+
+from grape.errors import FileError, Problem
+
+
+def check_mjcf(path: Path) -> None:
+    """Compile an MJCF file with the meshes and textures beside it.
+
+    Raises:
+        FileError: with MuJoCo's reason and, where it tells one, the line.
+    """
+    assets = {file.name: file.read_bytes() for file in path.parent.iterdir() if file.suffix in {".png", ".stl", ".obj"}}
+    try:
+        mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"), assets=assets).compile()
+    except (ValueError, OSError) as error:
+        text = " ".join(str(error).split())
+        line = re.search(r"line (\d+)", text)
+        place = int(line[1]) if line else 0
+        raise FileError(
+            [Problem(file=str(path), line=place, got=text, allowed="a model that MuJoCo compiles")]
+        ) from error
