@@ -1,0 +1,96 @@
+"""Moving the hand along a given path in time, with the fingers moving along: the short, exact motions near contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.actions.core import Context, Feedback
+from grape.control.differential_ik import DifferentialIk
+from grape.drivers import ArmDriver, GripperDriver
+from grape.errors import ActionFailed, Reason
+from grape.geometry import interpolate, pose_error
+from grape.messages import Array
+
+BEAT_S = 0.01
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandPathOptions:
+    """How closely the hand must follow.
+
+    Attributes:
+        gain: 1/s on the pose error.
+        tolerance_m, tolerance_rad: largest error on the way before the motion is given up.
+        settle_s: time to come to rest at the end.
+    """
+
+    gain: float = 4.0
+    tolerance_m: float = 0.04
+    tolerance_rad: float = 0.25
+    settle_s: float = 0.2
+
+
+def smooth_step(s: float) -> float:
+    """Minimum-jerk blend from 0 to 1 for s in [0, 1] (Flash and Hogan, 1985)."""
+    s = min(max(s, 0.0), 1.0)
+    return s**3 * (10.0 - 15.0 * s + 6.0 * s * s)
+
+
+def straight(T_start: Array, T_end: Array, duration_s: float) -> Callable[[float], Array]:
+    """A straight, minimum-jerk hand path of `duration_s` between two poses (4, 4)."""
+
+    def pose_at(t: float) -> Array:
+        return interpolate(T_start, T_end, smooth_step(t / duration_s))
+
+    return pose_at
+
+
+def follow_hand_path(
+    ctx: Context,
+    arm: ArmDriver,
+    pose_at: Callable[[float], Array],
+    duration_s: float,
+    *,
+    status: str,
+    gripper: GripperDriver | None = None,
+    fingers_at: Callable[[float], Array] | None = None,
+    options: HandPathOptions | None = None,
+) -> Generator[Feedback, None, Array]:
+    """Moves the hand along `pose_at(t)` = `T_base_hand` for t in [0, duration_s], and the fingers along `fingers_at(t)`.
+
+    Differential inverse kinematics with feed-forward at 100 Hz.
+
+    Returns:
+        (6,) the last pose error, m and rad.
+
+    Raises:
+        ActionFailed: TRACKING_ERROR when the hand falls behind by more than the tolerance.
+    """
+    options = options or HandPathOptions()
+    solver = DifferentialIk.for_arm(ctx.robot.arm)
+    start = ctx.clock.now()
+    while True:
+        t = min(ctx.clock.now() - start, duration_s)
+        q = ctx.world.joints()
+        T_now, T_next = pose_at(t), pose_at(min(t + BEAT_S, duration_s))
+        error = pose_error(T_now, ctx.robot.hand_pose(q))
+        _check_tracking(error, options, status)
+        feed_forward = pose_error(T_next, T_now) / BEAT_S
+        arm.send(solver.solve(q, feed_forward + options.gain * error).velocity)
+        if gripper is not None and fingers_at is not None:
+            gripper.send(fingers_at(min(t + BEAT_S, duration_s)))
+        if ctx.clock.now() - start >= duration_s + options.settle_s:
+            return error
+        yield Feedback(status=status, progress=t / duration_s if duration_s > 0 else 1.0)
+
+
+def _check_tracking(error: Array, options: HandPathOptions, status: str) -> None:
+    distance, angle = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
+    if distance > options.tolerance_m or angle > options.tolerance_rad:
+        raise ActionFailed(
+            Reason.TRACKING_ERROR,
+            f"{status}: the hand is {distance * 1e3:.0f} mm and {np.degrees(angle):.0f} deg off its path",
+        )

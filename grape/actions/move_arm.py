@@ -1,0 +1,203 @@
+"""Planned arm motions: collision-free paths to joint angles or to hand poses, timed and followed."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.actions.core import Context, Feedback, NoResult, action
+from grape.drivers import ArmDriver
+from grape.errors import ActionFailed, GoalRejected, Reason, did_you_mean
+from grape.geometry import interpolate
+from grape.kinematics import IkSolution, inverse_all, inverse_path
+from grape.messages import Array
+from grape.planning import StateChecker, StaticBox, build_distance_field
+from grape.trajectory import TimingOptions, Trajectory, time_path
+
+TIMING = TimingOptions(speed=0.95, acceleration=0.8)
+OBSTACLES = "obstacles"  # in world.committed: (n, 3) m, what was seen around the arm, in base_link
+
+
+@dataclass(frozen=True, kw_only=True)
+class MoveArmToNamedGoal:
+    """Attributes: pose: a name among the robot's arm poses, e.g. travel."""
+
+    pose: str
+
+
+@action("MoveArmToNamed")
+def move_arm_to_named(goal: MoveArmToNamedGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
+    """Moves the arm, collision-free, to one of the robot's named poses at its absolute angles."""
+    poses = ctx.robot.description.arm.poses
+    if goal.pose not in poses:
+        raise GoalRejected(f"no arm pose {goal.pose!r}; it has {', '.join(poses)} {did_you_mean(goal.pose, poses)}")
+    with ctx.arm.lease("MoveArmToNamed") as arm:
+        yield from move_to_joints(ctx, arm, (poses[goal.pose],), status=f"moving to the {goal.pose} pose")
+    return NoResult()
+
+
+def move_to_pose(
+    ctx: Context,
+    arm: ArmDriver,
+    line: Sequence[Array],
+    *,
+    status: str,
+    boxes: Sequence[StaticBox] = (),
+    touch: tuple[Array, float] | None = None,
+    touch_boxes: Sequence[str] = (),
+    either_end: bool = False,
+) -> Generator[Feedback, None, int]:
+    """Moves the hand to the first pose of `line`, in an arm posture from which the rest can be followed straight.
+
+    Args:
+        ctx, arm: context and leased arm.
+        line: hand poses (4, 4) in base_link, one or more; the later ones are only looked ahead to.
+        status: what to tell meanwhile.
+        boxes: more obstacles, in base_link, that the motion to the first pose keeps clear of.
+        touch: (centre (3,) m in base_link, radius m) of what the rest of the line is there to touch.
+        touch_boxes: names of boxes of the base that the rest of the line may enter.
+        either_end: the line may also be followed from its last pose; then that one may be moved to.
+
+    Returns:
+        Index in `line` of the pose that was moved to.
+
+    Raises:
+        ActionFailed: UNREACHABLE, IN_COLLISION, NO_PLAN, CABLE_BUDGET or TRACKING_ERROR.
+    """
+    enter = (tuple(boxes), touch, tuple(touch_boxes))
+    candidates = yield from ctx.jobs.run(find_postures, ctx, tuple(line), *enter)
+    ends = {0: candidates}
+    if either_end:
+        backwards = yield from ctx.jobs.run(find_postures, ctx, tuple(reversed(line)), *enter)
+        ends[len(line) - 1] = backwards
+    goals = [(end, posture) for end, postures in ends.items() for posture in postures]
+    if not goals:
+        place = np.round(line[0][:3, 3], 2)
+        raise ActionFailed(Reason.UNREACHABLE, f"{status}: no arm posture reaches {place} and the way from there")
+    index = yield from move_to_joints(ctx, arm, [q for _, q in goals], status=status, boxes=boxes)
+    return goals[index][0]
+
+
+def find_postures(
+    ctx: Context,
+    line: tuple[Array, ...],
+    boxes: tuple[StaticBox, ...] = (),
+    touch: tuple[Array, float] | None = None,
+    touch_boxes: tuple[str, ...] = (),
+) -> list[Array]:
+    """Joint angles, best first, that put the hand at the first pose of a line and can follow the line without collision.
+
+    Args:
+        ctx: for robot and world.
+        line: hand poses (4, 4) in base_link.
+        boxes: more obstacles around the first pose; the rest of the line may be inside them.
+        touch: (centre (3,) m, radius m) of what the rest of the line may touch.
+        touch_boxes: names of boxes of the base that it may enter.
+    """
+    robot = ctx.robot
+    checker = checker_for(ctx, boxes)
+    on_line = checker_for(ctx, carve=() if touch is None else (touch,), without=touch_boxes, empty_hand=True)
+    start = ctx.world.joints()
+    steps = _densely([robot.in_arm_base(T) for T in line])
+    found: list[tuple[float, Array]] = []
+    solutions: tuple[IkSolution, ...] = inverse_all(robot.arm, steps[0], start)
+    for solution in solutions:
+        if not checker.is_valid(solution.q):
+            continue
+        path = inverse_path(robot.arm, np.array(steps), solution.q) if len(steps) > 1 else np.array([solution.q])
+        if path is None or not all(on_line.is_valid(q) for q in path):
+            continue
+        worst = min(robot.arm.sigma_min(q) for q in path)
+        if worst > 0.02:
+            found.append((worst + 0.3 * solution.score, solution.q))
+    found.sort(key=lambda item: -item[0])
+    return [q for _, q in found[:4]]
+
+
+def checker_for(
+    ctx: Context,
+    boxes: Sequence[StaticBox] = (),
+    *,
+    carve: Sequence[tuple[Array, float]] = (),
+    without: Sequence[str] = (),
+    empty_hand: bool = False,
+) -> StateChecker:
+    """A collision checker against what was perceived, the robot's own boxes, and more boxes.
+
+    Args:
+        ctx: for robot, world and ledger; a dispenser in the hand counts as part of the arm.
+        boxes: more obstacles in base_link.
+        carve: (centre (3,) m, radius m) of places that may be touched.
+        without: names of boxes of the base that do not count.
+        empty_hand: leave a held dispenser out: it is soft, and it is there to touch the vine.
+    """
+    holding = not empty_hand and ctx.ledger.dispensers().get("hand", 0) > 0
+    body = ctx.robot.loaded_body if holding else ctx.robot.body
+    if boxes or without:
+        body = body.with_boxes((*(box for box in body.boxes if box.name not in without), *boxes))
+    cloud = ctx.world.committed.get(OBSTACLES)
+    return StateChecker(body, None if cloud is None else build_distance_field(cloud, carve=carve))
+
+
+def move_to_joints(
+    ctx: Context,
+    arm: ArmDriver,
+    goals: Sequence[Array],
+    *,
+    status: str,
+    boxes: Sequence[StaticBox] = (),
+) -> Generator[Feedback, None, int]:
+    """Plans to the quickest of several joint goals, times the path and follows it.
+
+    Returns:
+        Index of the goal that was reached.
+
+    Raises:
+        ActionFailed: IN_COLLISION, NO_PLAN, CABLE_BUDGET or TRACKING_ERROR.
+    """
+    limits = ctx.robot.description.arm
+    start = ctx.world.joints()
+    if len(goals) == 1 and np.abs(goals[0] - start).max() < 0.01:
+        return 0
+    checker = checker_for(ctx, boxes)
+    path = yield from ctx.jobs.run(
+        ctx.robot.planner.plan, start, goals, checker, ctx.rng, cable_reference=limits.unwound
+    )
+    trajectory = yield from ctx.jobs.run(
+        time_path, path.waypoints, limits.velocity_max, limits.acceleration_max, TIMING, edge_valid=checker.edge_valid_unpadded
+    )
+    ctx.log.event("plan", status=status, straight=path.straight, checks=path.checks, duration_s=trajectory.duration)
+    yield from follow(ctx, arm, trajectory, status=status)
+    return path.goal_index
+
+
+def follow(ctx: Context, arm: ArmDriver, trajectory: Trajectory, *, status: str) -> Generator[Feedback, None, None]:
+    """Follows a joint trajectory at 100 Hz.
+
+    Raises:
+        ActionFailed: TRACKING_ERROR.
+    """
+    gain, tolerance = 5.0, 0.12
+    begin = ctx.clock.now()
+    while True:
+        t = min(ctx.clock.now() - begin, trajectory.duration)
+        q = ctx.world.joints()
+        reference = trajectory.sample(t)
+        error = reference.position - q
+        if np.abs(error).max() > tolerance:
+            raise ActionFailed(Reason.TRACKING_ERROR, f"{status}: joint {np.abs(error).argmax() + 1} is {np.abs(error).max():.2f} rad off")
+        if ctx.clock.now() - begin >= trajectory.duration + 0.1 and np.abs(error).max() < 0.01:
+            return
+        arm.send(reference.velocity + gain * error)
+        yield Feedback(status=status, progress=trajectory.progress(t))
+
+
+def _densely(line: list[Array], step_m: float = 0.03) -> list[Array]:
+    """The poses of a line with more between them, at most `step_m` apart."""
+    poses = [line[0]]
+    for T_a, T_b in zip(line[:-1], line[1:], strict=True):
+        count = max(1, int(np.ceil(np.linalg.norm(T_b[:3, 3] - T_a[:3, 3]) / step_m)))
+        poses += [interpolate(T_a, T_b, k / count) for k in range(1, count + 1)]
+    return poses

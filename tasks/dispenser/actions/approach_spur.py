@@ -1,0 +1,30 @@
+"""Bring the held dispenser above a spur."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+from grape.actions.core import Context, Feedback, NoResult, action
+from grape.actions.move_arm import move_to_pose
+from grape.tasks.dispenser.targets import HangTarget
+
+
+@dataclass(frozen=True, kw_only=True)
+class ApproachSpurGoal:
+    """Attributes: target: the deployment pose. stand_off_m: of the loop above the spur's tip."""
+
+    target: HangTarget
+    stand_off_m: float = 0.10
+
+
+@action("ApproachSpur")
+def approach_spur(goal: ApproachSpurGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
+    """Plans to a pitched hand pose above a spur, collision-free against the scanned vine."""
+    target = goal.target
+    ctx.ledger.attempt(target.plant)
+    T_hand_nails = ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle)
+    line = (target.hand_pose(T_hand_nails, goal.stand_off_m), target.hand_pose(T_hand_nails, 0.0))
+    with ctx.arm.lease("ApproachSpur") as arm:
+        yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch=(target.tip, 0.12))
+    return NoResult()

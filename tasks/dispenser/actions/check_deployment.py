@@ -1,0 +1,51 @@
+"""Look whether the dispenser hangs where it was put."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+from grape.actions.core import Context, Feedback, NoResult, action
+from grape.actions.looking import vote
+from grape.errors import ActionFailed, Reason
+from grape.geometry import inverse, transform
+from grape.messages import RgbdImage
+from grape.tasks.dispenser.perception.wings import HungExpectation, held, hung
+from grape.tasks.dispenser.targets import HangTarget
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckDeploymentGoal:
+    """Attributes: target: where the dispenser was put. frames: how many camera frames vote."""
+
+    target: HangTarget
+    frames: int = 15
+
+
+@action("CheckDeployment")
+def check_deployment(goal: CheckDeploymentGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
+    """Looks for the wings of a hung dispenser from where the hand backed off to, and settles the account by it.
+
+    Fails with DEPLOYMENT_NOT_CONFIRMED: the dispenser is back in the hand's account when wings are still at the nails,
+    and lost when it is seen nowhere.
+    """
+    robot = ctx.robot
+    at_nails = 0
+
+    def decide(image: RgbdImage) -> tuple[bool, str]:
+        nonlocal at_nails
+        T_camera_base = inverse(ctx.world.frames.lookup("base_link", "camera_optical", image.stamp))
+        T_hand_nails = robot.hand.T_hand_nails(robot.description.gripper.closed_angle)
+        nails = (T_camera_base @ ctx.world.frames.lookup("base_link", "hand", image.stamp) @ T_hand_nails)[:3, 3]
+        check = hung(image, HungExpectation(target=transform(T_camera_base, goal.target.tip), nails=nails))
+        at_nails += check.reason.startswith("a wing is still")
+        return check.value, check.reason
+
+    ballot = yield from vote(ctx, decide, frames=goal.frames, status="validating the deployment")
+    ctx.log.event("check", check="deployment", value=ballot.value, yes=ballot.yes, no=ballot.no, reason=ballot.reason)
+    ctx.log.picture("deployment", ballot.image.bgr)
+    if ballot.value:
+        return NoResult()
+    still_held = at_nails > goal.frames // 4 or held(ballot.image).value
+    ctx.ledger.move_dispenser(goal.target.plant, "hand" if still_held else "lost")
+    raise ActionFailed(Reason.DEPLOYMENT_NOT_CONFIRMED, f"{ballot.no} of {goal.frames} frames: {ballot.reason}")

@@ -1,0 +1,37 @@
+"""Make sure that a dispenser hangs on the nails of the fingers."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+from grape.actions.core import Context, Feedback, NoResult, action
+from grape.actions.looking import vote
+from grape.errors import ActionFailed, Reason
+from grape.messages import RgbdImage
+from grape.tasks.dispenser.perception.wings import held
+
+
+@dataclass(frozen=True, kw_only=True)
+class CheckGraspGoal:
+    """Attributes: frames: how many camera frames vote (the reference's 50 take 3.3 s; 15 take 1 s)."""
+
+    frames: int = 15
+
+
+@action("CheckGrasp")
+def check_grasp(goal: CheckGraspGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
+    """Looks for the two wings of a held dispenser; fails with GRASP_FAILED when the majority of frames shows none."""
+
+    def decide(image: RgbdImage) -> tuple[bool, str]:
+        check = held(image)
+        return check.value, check.reason
+
+    ballot = yield from vote(ctx, decide, frames=goal.frames, status="checking the grasp")
+    ctx.log.event("check", check="grasp", value=ballot.value, yes=ballot.yes, no=ballot.no, reason=ballot.reason)
+    ctx.log.picture("grasp", ballot.image.bgr)
+    if not ballot.value:
+        # Whether it fell or never left the feeder, the next look at the feeder tells.
+        raise ActionFailed(Reason.GRASP_FAILED, f"{ballot.no} of {goal.frames} frames: {ballot.reason}")
+    ctx.ledger.move_dispenser("feeder", "hand")
+    return NoResult()

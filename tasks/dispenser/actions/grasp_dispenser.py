@@ -1,0 +1,63 @@
+"""Take the dispenser whose loop the closed nails stand in."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.actions.core import Context, Feedback, NoResult, action
+from grape.actions.hand_path import follow_hand_path, smooth_step, straight
+from grape.geometry import pose
+from grape.messages import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class GraspDispenserGoal:
+    """How to take it.
+
+    Attributes:
+        level: of the dispenser, 0 is the lowest.
+        drag_m: towards the feeder's open side, so that the loop's ends leave their channels.
+        lift_m: straight up afterwards.
+        open_s, drag_s, lift_s: durations.
+    """
+
+    level: int
+    drag_m: float = 0.024
+    lift_m: float = 0.12
+    open_s: float = 1.5
+    drag_s: float = 1.0
+    lift_s: float = 1.5
+
+
+@action("GraspDispenser")
+def grasp_dispenser(goal: GraspDispenserGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
+    """Opens the fingers inside the loop while the arm keeps the nails in place, drags it out and lifts it."""
+    robot = ctx.robot
+    gripper = robot.description.gripper
+    with ctx.arm.lease("GraspDispenser") as arm, ctx.gripper.lease("GraspDispenser") as fingers:
+        T_base_nails = robot.hand_pose(ctx.world.joints()) @ robot.hand.T_hand_nails(gripper.closed_angle)
+
+        def angle_at(t: float) -> float:
+            s = smooth_step(t / goal.open_s)
+            return gripper.closed_angle + s * (gripper.open_angle - gripper.closed_angle)
+
+        def nails_held(t: float) -> Array:
+            return T_base_nails @ np.linalg.inv(robot.hand.T_hand_nails(angle_at(t)))
+
+        yield from follow_hand_path(
+            ctx, arm, nails_held, goal.open_s, status="opening the fingers in the loop", gripper=fingers,
+            fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]),
+        )  # fmt: skip
+        for name, step, duration in (
+            ("dragging", (-goal.drag_m, 0.0, 0.0), goal.drag_s),
+            ("lifting", (0.0, 0.0, goal.lift_m), goal.lift_s),
+        ):
+            T_start = nails_held(goal.open_s) if name == "dragging" else T_end
+            T_end = pose(None, step) @ T_start
+            yield from follow_hand_path(
+                ctx, arm, straight(T_start, T_end, duration), duration, status=f"{name} the dispenser"
+            )
+    return NoResult()

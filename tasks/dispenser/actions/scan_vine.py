@@ -1,0 +1,151 @@
+"""Sweep the wrist LiDAR and the depth camera along a vine."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.actions.core import Context, Feedback, action
+from grape.actions.hand_path import follow_hand_path
+from grape.actions.move_arm import move_to_pose
+from grape.errors import ActionFailed, Reason, StaleData
+from grape.geometry import pose, rotation_x, transform
+from grape.messages import Array, LaserScan, RgbdImage
+from grape.perception.sweep import AssembleOptions, Sweep, assemble
+from grape.tasks.dispenser.row import row_boxes, row_distance
+
+WRIST_LIDAR = "wrist_lidar"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanVineGoal:
+    """What to scan and how.
+
+    Attributes:
+        plant: id in the site file.
+        half_length_m: the sweep goes this far to both sides of the arm's base, along the robot's x.
+        speed: m/s of the hand (0.12 at most; the vine gets a scan every few millimetres).
+        pitch: rad, hand tilted from pointing down towards the row.
+        stand_off_m: of the hand's origin from the row's line.
+        height_m: of the hand over the arm's base.
+        images: depth frames kept along the sweep.
+    """
+
+    plant: str
+    half_length_m: float = 0.34
+    speed: float = 0.07
+    pitch: float = np.pi / 3
+    stand_off_m: float = 0.42
+    height_m: float = 0.30
+    images: int = 8
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class VineScan:
+    """What a sweep saw, in base_link: LiDAR returns, and depth frames with the camera's poses."""
+
+    sweep: Sweep
+    images: tuple[RgbdImage, ...]
+    T_base_camera: tuple[Array, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanVineResult:
+    """Attributes: scan: what the sweep saw."""
+
+    scan: VineScan
+
+
+@action("ScanVine")
+def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, ScanVineResult]:
+    """Moves the wrist along the vine in a straight line at constant orientation and keeps LiDAR scans and frames."""
+    T_first, T_last = _line(goal, ctx)
+    with ctx.arm.lease("ScanVine") as arm, ctx.gripper.lease("ScanVine") as gripper:
+        closed = ctx.robot.description.gripper.closed_angle
+        gripper.send(np.array([ctx.robot.description.gripper.thumb_clear, closed, closed]))
+        yield from move_to_pose(
+            ctx, arm, (T_first, T_last), either_end=True, status="moving to the scan", boxes=row_boxes(ctx, goal.plant)
+        )
+        start = ctx.robot.hand_pose(ctx.world.joints())
+        forward = np.linalg.norm(start[:3, 3] - T_first[:3, 3]) < np.linalg.norm(start[:3, 3] - T_last[:3, 3])
+        T_from, T_to = (T_first, T_last) if forward else (T_last, T_first)
+        collector = _Collector(ctx, goal.images)
+        duration = float(np.linalg.norm(T_to[:3, 3] - T_from[:3, 3])) / goal.speed
+
+        def pose_at(t: float) -> Array:
+            s = t / duration
+            return pose(T_from[:3, :3], (1 - s) * T_from[:3, 3] + s * T_to[:3, 3])
+
+        motion = follow_hand_path(ctx, arm, pose_at, duration, status="scanning")
+        try:
+            while True:
+                feedback = next(motion)
+                collector.collect(feedback.progress or 0.0)
+                yield feedback
+        except StopIteration:
+            pass
+    scan = collector.scan()
+    ctx.log.event("scan", plant=goal.plant, returns=len(scan.sweep.points), images=len(scan.images))
+    if len(scan.sweep.points) == 0 and not scan.images:
+        raise ActionFailed(Reason.STALE_DATA, "neither LiDAR nor camera gave anything during the sweep")
+    return ScanVineResult(scan=scan)
+
+
+def _line(goal: ScanVineGoal, ctx: Context) -> tuple[Array, Array]:
+    """First and last hand pose of the sweep in base_link."""
+    row_y = row_distance(ctx, goal.plant)
+    arm_base = ctx.robot.description.arm.T_base_link_arm_base[:3, 3]
+    R = rotation_x(goal.pitch)
+    y, z = row_y - goal.stand_off_m, arm_base[2] + goal.height_m
+    first, last = (pose(R, (arm_base[0] + s * goal.half_length_m, y, z)) for s in (-1, 1))
+    return first, last
+
+
+class _Collector:
+    """Gathers LiDAR scans and a few camera frames while the hand moves."""
+
+    def __init__(self, ctx: Context, images: int) -> None:
+        self._ctx = ctx
+        self._wanted = images
+        self._scans: list[LaserScan] = []
+        self._images: list[RgbdImage] = []
+        self._newest = ctx.clock.now()
+        self._next_scan_read = 0.0
+
+    def collect(self, progress: float) -> None:
+        """Takes what is new; `progress` 0..1 of the sweep."""
+        if progress * 20 >= self._next_scan_read:
+            self._next_scan_read += 1
+            self._read_scans()
+        if len(self._images) < self._wanted and progress * (self._wanted - 1) >= len(self._images):
+            try:
+                image = self._ctx.camera.latest(max_age_s=0.3)
+            except StaleData:
+                return
+            if not self._images or image.stamp > self._images[-1].stamp:
+                self._images.append(image)
+
+    def _read_scans(self) -> None:
+        new = self._ctx.drivers.scans[WRIST_LIDAR].since(self._newest)
+        if new:
+            self._scans.extend(new)
+            self._newest = new[-1].stamp
+
+    def scan(self) -> VineScan:
+        """Everything gathered, placed in base_link through stamped transforms."""
+        self._read_scans()
+        frames = self._ctx.world.frames
+        stamped = [frames.lookup("base_link", WRIST_LIDAR, scan.stamp) for scan in self._scans]
+        ends = [frames.lookup("base_link", WRIST_LIDAR, scan.stamp + scan.scan_time) for scan in self._scans]
+        sweep = assemble(
+            self._scans, stamped, AssembleOptions(range_m=(0.10, 1.2), bearing_rad=(-1.3, 1.3)), T_map_lidar_end=ends
+        )
+        cameras = tuple(frames.lookup("base_link", "camera_optical", image.stamp) for image in self._images)
+        return VineScan(sweep=sweep, images=tuple(self._images), T_base_camera=cameras)
+
+
+def points_in_base(image: RgbdImage, T_base_camera: Array, points_camera: Array) -> Array:
+    """Points (n, 3) of one frame in base_link."""
+    return transform(T_base_camera, points_camera)
