@@ -17,7 +17,10 @@ TIME_TOLERANCE_S = 1e-9  # a beat that falls on the limit up to rounding counts 
 
 
 class SequenceWithMemory(Composite):
-    """A sequence that, after a failure or a halt, goes on with the child where it stood."""
+    """A sequence that, after a failure or a halt, goes on with the child where it stood.
+
+    After a child that succeeds within the tick it was started in, the next one waits for the next tick.
+    """
 
     def __init__(self, name: str, children: list[Behaviour]) -> None:
         super().__init__(name, children)
@@ -28,11 +31,15 @@ class SequenceWithMemory(Composite):
         new_status = Status.SUCCESS
         while self._index < len(self.children):
             child = self.current_child = self.children[self._index]
+            fresh = child.status != Status.RUNNING
             yield from child.tick()
             if child.status != Status.SUCCESS:
                 new_status = child.status
                 break
             self._index += 1
+            if fresh and self._index < len(self.children):
+                new_status = Status.RUNNING
+                break
         else:
             self._index = 0
         if new_status != Status.RUNNING:
