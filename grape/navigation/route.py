@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Literal, Protocol
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from grape.errors import InvalidInput
 from grape.geometry import wrap_angle
 from grape.messages import Array
+from grape.site import Site
 
 
 class RowLine(Protocol):
@@ -21,16 +23,6 @@ class RowLine(Protocol):
 
     @property
     def line(self) -> Array: ...  # (n, 2) m, map
-
-
-class SiteRows(Protocol):
-    """What a route needs of a site."""
-
-    @property
-    def rows(self) -> Sequence[RowLine]: ...
-
-    @property
-    def start_heading_rad(self) -> float: ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,7 +36,6 @@ class RouteOptions:
         zone: half-width of the prohibited strip along a row.
         zone_ahead: the strip goes on past the row's ends by this much.
         headland: how far past the row's end the robot turns.
-        along_only: a goal this far ahead in the same lane needs no waypoints.
     """
 
     lateral: float = 0.335 + 0.50
@@ -73,6 +64,26 @@ def parking_pose(
     plant_x = options.arm_x + (options.offset if place == "fore" else -options.offset)
     x, y = np.asarray(plant, dtype=float) - plant_x * direction + options.lateral * right
     return np.array([x, y, np.arctan2(direction[1], direction[0])])
+
+
+def park_beside(
+    site: Site, plant: str, place: Literal["fore", "aft"] = "fore", options: RouteOptions | None = None
+) -> Array:
+    """(3,) x y yaw of base_link in map for working on a plant of the site, its row on the left.
+
+    Args:
+        place: whether the plant is before ("fore") or behind ("aft") the arm base.
+
+    Raises:
+        InvalidInput: the site has no such plant.
+    """
+    spot = site.plant(plant)
+    row = site.row(spot.row)
+    segment = int(np.argmin([_gap(spot.position, a, b) for a, b in pairwise(row.line)]))
+    a, b = row.line[segment : segment + 2]
+    along = _unit(b - a)
+    foot = a + ((spot.position - a) @ along) * along
+    return parking_pose(foot, along if spot.side == "right" else -along, place, options)
 
 
 def row_zones(rows: Sequence[RowLine], options: RouteOptions | None = None) -> tuple[Array, ...]:
@@ -175,6 +186,13 @@ def _axis(rows: Sequence[RowLine]) -> Array:
 def _extent(rows: Sequence[RowLine], axis: Array) -> tuple[float, float]:
     along = np.concatenate([np.asarray(row.line) @ axis for row in rows])
     return float(along.min()), float(along.max())
+
+
+def _gap(point: Array, a: Array, b: Array) -> float:
+    """Distance (m) from a point to a segment."""
+    d = b - a
+    s = np.clip((point - a) @ d / (d @ d), 0.0, 1.0)
+    return float(np.hypot(*(point - a - s * d)))
 
 
 def _unit(v: Array) -> Array:
