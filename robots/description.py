@@ -97,7 +97,7 @@ class GripperDescription(_Frozen):
     velocity_max: float  # rad/s
     open_angle: float  # rad, nails 49 mm apart
     closed_angle: float  # rad, nails 9 mm apart
-    thumb_clear: float  # rad, thumb out of the way of a loop
+    thumb_clear: float  # rad, thumb folded between the fingers: clear of the feeder and of a held loop
     pivot: Array  # (3,) m, hand frame, finger 2
     axis: Array  # (3,) unit vector, hand frame, finger 2
     radius: float  # m

@@ -100,7 +100,7 @@ _GRIPPER = GripperDescription(
     velocity_max=1.0,
     open_angle=0.30,
     closed_angle=1.05,
-    thumb_clear=0.0,
+    thumb_clear=1.3,
     pivot=np.array([0.02226, -0.02707, -0.11482]),
     axis=np.array([np.cos(np.radians(10.58)), np.sin(np.radians(10.58)), 0.0]),
     radius=0.150,
@@ -111,7 +111,7 @@ _GRIPPER = GripperDescription(
 _FEEDER = FeederDescription(
     T_base_link_feeder=pose(translation=(-0.20, 0.15, 0.358)),
     levels=8,
-    pitch=0.018,
+    pitch=0.012,
     marker_ids=(1, 2),
     marker_positions=np.array([[-0.085, -0.060, -0.030], [0.085, -0.060, -0.030]]),
     marker_side=0.040,
