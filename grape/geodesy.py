@@ -53,7 +53,7 @@ def ecef_from_geodetic(latitude_deg: Array | float, longitude_deg: Array | float
 
 
 def geodetic_from_ecef(points: Array) -> Array:
-    """Latitude (deg), longitude (deg), altitude (m) as (..., 3) of ECEF points (..., 3) within 10 000 km of the ground."""
+    """Latitude (deg), longitude (deg), altitude (m) as (..., 3) of ECEF points (..., 3) up to 10 000 km high."""
     points = np.asarray(points, dtype=float)
     x, y, z = points[..., 0], points[..., 1], points[..., 2]
     p = np.hypot(x, y)

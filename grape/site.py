@@ -11,6 +11,7 @@ import math
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -183,7 +184,7 @@ def _plant(item: dict[str, Any], position: Array, sides: dict[str, Side]) -> Pla
 
 def _strips(line: Array, width: float) -> Iterable[Array]:
     """A rectangle (4, 2) around each segment of a line, half a width longer at both ends so that corners close."""
-    for a, b in zip(line[:-1], line[1:], strict=True):
+    for a, b in pairwise(line):
         along = (b - a) / np.linalg.norm(b - a) * width / 2
         across = np.array([-along[1], along[0]])
         yield np.array([a - along - across, b + along - across, b + along + across, a - along + across])

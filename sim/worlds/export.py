@@ -1,7 +1,7 @@
 """The world as a MuJoCo specification: static geoms in the world body, to which a robot is then attached.
 
-Names are those of the world's pieces (`r0v3/spur2`, `r0n1/nail`, `r0/post1`, `r0/wire0_0`, `ground`), so a contact tells
-which plant was touched: `geom_name.partition("/")[0]`.
+Geoms are named as the world's pieces (`r0v3/spur2`, `r0n1/nail`, `r0/post1`, `r0/wire0_0`, `ground`), so a contact
+tells which plant was touched: `geom_name.partition("/")[0]`.
 
 Contact bits, as the robot package defines them: world pieces have contype 1 and conaffinity 4. Buds, weeds and marker
 plates are seen but never touched: weeds yield in reality, and buds are smaller than the contact model's accuracy.
@@ -17,7 +17,7 @@ import numpy as np
 from grape.geometry import rotation_to_quaternion
 from grape.messages import Array
 from grape.sim.worlds.model import Capsule, Label, Plate, Sun, World
-from grape.sim.worlds.textures import bark_picture, ground_picture, marker_picture
+from grape.sim.worlds.textures import GRASS, ground_picture, marker_picture
 
 if TYPE_CHECKING:
     import mujoco
@@ -44,9 +44,7 @@ def world_spec(world: World, near: Array | None = None, radius: float = np.inf) 
     spec.modelname = "vineyard"
     spec.compiler.degree = False
     _look(spec, world.sun)
-    rng = np.random.default_rng(_PICTURE_SEED)
-    _ground(spec, world, rng)
-    _picture(spec, "bark", bark_picture(rng))
+    _ground(spec, world, np.random.default_rng(_PICTURE_SEED))
     for capsule in world.capsules:
         if capsule.label is Label.WIRE or near is None or np.linalg.norm(capsule.p0[:2] - near) <= radius:
             _capsule(spec, capsule)
@@ -140,7 +138,7 @@ def _ground(spec: mujoco.MjSpec, world: World, rng: np.random.Generator) -> None
         size=[60.0, 60.0, 1.0],
         pos=[middle, (y0 + y1) / 2, terrain.slope * middle - 0.15],
         quat=[np.cos(tilt / 2), 0.0, -np.sin(tilt / 2), 0.0],
-        rgba=[0.40, 0.40, 0.22, 1.0],
+        rgba=[*GRASS, 1.0],
         contype=0,
         conaffinity=0,
     )

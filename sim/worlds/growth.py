@@ -10,10 +10,10 @@ from grape.messages import Array
 from grape.sim.worlds.model import Capsule, Color, Label, SpurTruth
 
 WOODS: dict[Label, Color] = {
-    Label.TRUNK: (0.27, 0.20, 0.15, 1.0),
-    Label.ARM: (0.33, 0.24, 0.17, 1.0),
-    Label.SPUR: (0.52, 0.36, 0.21, 1.0),
-    Label.BUD: (0.62, 0.47, 0.33, 1.0),
+    Label.TRUNK: (0.34, 0.27, 0.21, 1.0),
+    Label.ARM: (0.41, 0.31, 0.23, 1.0),
+    Label.SPUR: (0.60, 0.42, 0.25, 1.0),
+    Label.BUD: (0.68, 0.52, 0.37, 1.0),
     Label.CANE: (0.56, 0.40, 0.24, 1.0),
 }
 SPUR_LENGTH = (0.060, 0.150)

@@ -1,4 +1,4 @@
-"""What a generated vineyard may look like: one flat, checked set of numbers, all reachable by `--set world.KEY=VALUE`."""
+"""What a generated vineyard may look like: one flat, checked set of values, reached by `--set world.KEY=VALUE`."""
 
 from __future__ import annotations
 

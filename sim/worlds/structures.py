@@ -42,12 +42,12 @@ class NailParts:
 
 def make_post(name: str, foot: Array, height: float) -> Capsule:
     """A round wooden post standing at `foot` (3,), 0.15 m of it in the ground."""
-    top = foot + [0.0, 0.0, height - POST_RADIUS]
+    top = foot + np.array([0.0, 0.0, height - POST_RADIUS])
     return Capsule(name=name, p0=foot - [0.0, 0.0, 0.15], p1=top, radius=POST_RADIUS, label=Label.POST, rgba=_WOOD)
 
 
 def make_nail(plant: Plant, foot: Array, rng: np.random.Generator) -> NailParts:
-    """The nail of a site's plant on the post at `foot` (3,): a board on the aisle side, a nail out of it, two markers."""
+    """A nail plant on the post at `foot` (3,): a board on the aisle side, a nail out of it, two markers beside it."""
     out = np.array([np.cos(plant.yaw_rad), np.sin(plant.yaw_rad), 0.0])
     right = np.array([-out[1], out[0], 0.0])  # for who looks at the board
     up = np.array([0.0, 0.0, 1.0])
@@ -100,7 +100,7 @@ def make_nail(plant: Plant, foot: Array, rng: np.random.Generator) -> NailParts:
 
 
 def make_wires(row: str, feet: Array, height: float) -> list[Capsule]:
-    """Carrier wire at `height` (m) and two more 0.4 and 0.8 m above it, from post to post; `feet` (n, 3) are the posts'."""
+    """A carrier wire at `height` (m) and two more 0.4 and 0.8 m above it, from post to post with feet (n, 3)."""
     wires = []
     for level, lift in enumerate((height, height + 0.4, height + 0.8)):
         for k in range(len(feet) - 1):

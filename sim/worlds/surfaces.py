@@ -10,18 +10,21 @@ from grape.messages import Array
 from grape.sim.worlds.model import Capsule, Plate, Terrain
 
 SIDES = 8
-# An octagon through these points has the circle's mean radius.
-_ROUNDNESS = 2.0 / (1.0 + np.cos(np.pi / SIDES))
-Meshes = tuple[Array, Array, Array]  # vertices (n, 3), triangles (m, 3), index of the piece of each triangle (m,)
+# Corner radius of the octagon whose radius, averaged over all directions, is 1: so ranges are right in the mean.
+_ROUNDNESS = 1.0 / (np.cos(np.pi / SIDES) * SIDES / np.pi * np.arcsinh(np.tan(np.pi / SIDES)))
+Meshes = tuple[
+    Array, Array, Array
+]  # vertices (n, 3) m in the map frame, triangles (m, 3), index of the piece of each triangle (m,)
 
 
-def terrain_mesh(terrain: Terrain) -> tuple[Array, Array]:
-    """Vertices (n, 3) m in the map frame and triangles (m, 3) of the ground."""
+def terrain_mesh(terrain: Terrain) -> Meshes:
+    """The ground, one piece."""
     X, Y = np.meshgrid(terrain.xs, terrain.ys)
     index = np.arange(X.size).reshape(X.shape)
     a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel()
     triangles = np.concatenate([np.column_stack([a, b, d]), np.column_stack([a, d, c])])
-    return np.column_stack([X.ravel(), Y.ravel(), terrain.heights.ravel()]), triangles
+    vertices = np.column_stack([X.ravel(), Y.ravel(), terrain.heights.ravel()])
+    return vertices, triangles, np.zeros(len(triangles), int)
 
 
 def capsule_meshes(capsules: Sequence[Capsule]) -> Meshes:

@@ -23,11 +23,12 @@ def make_terrain(site: Site, options: VineyardOptions, rng: np.random.Generator)
     from scipy.ndimage import gaussian_filter
 
     corners = np.concatenate([row.line for row in site.rows] + [a.polygon for a in site.headlands] + [site.start[None]])
-    low = np.minimum(corners.min(axis=0), site.start - 3.0) - [0.0, 0.0]
+    low = np.minimum(corners.min(axis=0), site.start - 3.0)
     high = np.maximum(corners.max(axis=0), site.start + 3.0)
     rows = np.concatenate([row.line for row in site.rows])
-    low = np.minimum(low, rows.min(axis=0) - [MARGIN_ALONG_M, MARGIN_ACROSS_M])
-    high = np.maximum(high, rows.max(axis=0) + [MARGIN_ALONG_M, MARGIN_ACROSS_M])
+    margin = np.array([MARGIN_ALONG_M, MARGIN_ACROSS_M])
+    low = np.minimum(low, rows.min(axis=0) - margin)
+    high = np.maximum(high, rows.max(axis=0) + margin)
     nx, ny = (int(np.ceil(n)) + 1 for n in (high - low) / options.terrain_resolution)
     x, y = np.linspace(low[0], high[0], nx), np.linspace(low[1], high[1], ny)
     noise = gaussian_filter(

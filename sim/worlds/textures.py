@@ -1,4 +1,4 @@
-"""Pictures for the renderer: ground with grassy aisles, bark, and markers with whole texels per cell."""
+"""Pictures for the renderer: the ground with grassy aisles, and markers with whole texels per cell."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from grape.site import Site
 
 CELL_PX = 32  # a marker has 6 cells; the margin is 1.5 cells, so both are whole texels
 GROUND_PX = 1024
-_SOIL = np.array([0.47, 0.37, 0.26])
-_GRASS = np.array([0.34, 0.41, 0.19])
+SOIL = np.array([0.47, 0.37, 0.26])
+GRASS = np.array([0.34, 0.41, 0.19])
 
 
 def marker_picture(id: int) -> Array:
@@ -27,11 +27,11 @@ def marker_picture(id: int) -> Array:
 
 
 def ground_picture(site: Site, terrain: Terrain, rng: np.random.Generator) -> Array:
-    """(n, n, 3) uint8 seen from above, x to the right and y downwards: bare soil under the rows, grass in the aisles."""
+    """(n, n, 3) uint8 seen from above, x right and y down: bare soil under the rows, grass in the aisles."""
     from scipy.ndimage import gaussian_filter
 
-    x = np.linspace(*terrain.x_range, GROUND_PX)
-    y = np.linspace(*terrain.y_range, GROUND_PX)
+    x = np.linspace(terrain.x_range[0], terrain.x_range[1], GROUND_PX)
+    y = np.linspace(terrain.y_range[0], terrain.y_range[1], GROUND_PX)
     X, Y = np.meshgrid(x, y)
     distance = np.full(X.shape, np.inf)
     for row in site.rows:
@@ -42,7 +42,7 @@ def ground_picture(site: Site, terrain: Terrain, rng: np.random.Generator) -> Ar
     fine = gaussian_filter(rng.standard_normal(X.shape), 1.0)
     fine /= fine.std()
     green = np.clip((distance - 0.45) / 0.35 + 0.5 * coarse, 0.0, 0.9)[..., None]
-    color = (1.0 - green) * _SOIL + green * _GRASS
+    color = (1.0 - green) * SOIL + green * GRASS
     color = color * (1.0 + 0.05 * coarse + 0.09 * fine)[..., None]
     return (np.clip(color, 0.0, 1.0) * 255.0).astype(np.uint8)
 
@@ -51,12 +51,3 @@ def _distance_to_segment(X: Array, Y: Array, a: Array, b: Array) -> Array:
     d = b - a
     s = np.clip(((X - a[0]) * d[0] + (Y - a[1]) * d[1]) / (d @ d), 0.0, 1.0)
     return np.hypot(X - a[0] - s * d[0], Y - a[1] - s * d[1])
-
-
-def bark_picture(rng: np.random.Generator) -> Array:
-    """(64, 64, 3) uint8 of light grey stripes that darken the colour of the wood they are put on."""
-    from scipy.ndimage import gaussian_filter
-
-    noise = gaussian_filter(rng.standard_normal((64, 64)), (4.0, 0.8), mode="wrap")
-    grey = np.clip(0.86 + 0.10 * noise / noise.std(), 0.4, 1.0)
-    return np.repeat((grey * 255.0).astype(np.uint8)[:, :, None], 3, axis=2)

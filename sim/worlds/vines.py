@@ -78,7 +78,7 @@ def _along(arm: tuple[Array, Array], rng: np.random.Generator) -> list[tuple[Arr
     """Places (3,) with the arm's radius there, every 15 to 20 cm along an arm."""
     points, radii = arm
     way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    places = []
+    places: list[tuple[Array, float]] = []
     s = rng.uniform(0.06, 0.12)
     while s < way[-1] - 0.005 or not places:
         places.append((np.array([np.interp(s, way, points[:, k]) for k in range(3)]), float(np.interp(s, way, radii))))
