@@ -110,7 +110,7 @@ def build_distance_field(
 
 def _counts(points: Array, options: DistanceFieldOptions, carve: Sequence[tuple[Array, float]]) -> Array:
     """Which points are finite, in the region and outside of the carved balls, (m,) bool."""
-    keep: Array = np.isfinite(points).all(axis=1)
+    keep: Array = np.asarray(np.isfinite(points).all(axis=1))
     keep = keep & ((points >= options.lower) & (points <= options.upper)).all(axis=1)
     for center, radius in carve:
         keep = keep & (((points - np.asarray(center)) ** 2).sum(axis=1) > radius**2)

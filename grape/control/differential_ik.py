@@ -1,0 +1,171 @@
+"""From a wished twist of the hand to joint velocities, near singularities, limits and obstacles too.
+
+Source: Nakamura and Hanafusa, Inverse kinematic solutions with singularity robustness, 1986; Maciejewski and Klein,
+Numerical filtering for the operation of robotic manipulators through kinematically singular configurations, 1988.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from grape.errors import InvalidInput
+from grape.kinematics import ROTATION_WEIGHT, ArmModel
+from grape.messages import Array, frozen_array
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferentialIkOptions:
+    """Limits of the hand and of the joints.
+
+    Args:
+        damping_sigma: singular value (angular rows times 0.2 m/rad) below which the inverse is damped.
+        linear_max: m/s of the hand's origin.
+        angular_max: rad/s of the hand.
+        limit_margin_rad: a joint nearer to its limit than this does not move towards it.
+        clearance_slow_m: from this clearance down the motion is slowed when it goes nearer ...
+        clearance_stop_m: ... and here it stops; away from the obstacle it stays free.
+        look_ahead_s: how far ahead the clearance is looked at.
+    """
+
+    damping_sigma: float = 0.02
+    linear_max: float = 0.15
+    angular_max: float = 1.0
+    limit_margin_rad: float = 0.1
+    clearance_slow_m: float = 0.03
+    clearance_stop_m: float = 0.005
+    look_ahead_s: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.clearance_stop_m < self.clearance_slow_m:
+            raise InvalidInput(
+                f"0 <= clearance_stop_m < clearance_slow_m must hold, got {self.clearance_stop_m} and "
+                f"{self.clearance_slow_m}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointVelocityCommand:
+    """What `DifferentialIk.solve` found.
+
+    Attributes:
+        velocity: (n,) rad/s.
+        scale: 0..1, the share of the wished speed that limits and obstacles left.
+        sigma_min: smallest singular value of the Jacobian, angular rows times 0.2 m/rad.
+        held_joints: joints kept from moving into their limits.
+    """
+
+    velocity: Array
+    scale: float
+    sigma_min: float
+    held_joints: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class DifferentialIk:
+    """Damped least squares on one arm.
+
+    Args:
+        arm: kinematics; twists are along the axes of its base frame.
+        velocity_max: (n,) rad/s; infinite when None, then the driver must limit and may bend the direction.
+        options: limits.
+        clearance: gap (m) to the nearest obstacle at joint angles (n,), such as `StateChecker.clearance`; None without.
+    """
+
+    arm: ArmModel
+    velocity_max: Array | None = None
+    options: DifferentialIkOptions = field(default_factory=DifferentialIkOptions)
+    clearance: Callable[[Array], float] | None = None
+
+    @classmethod
+    def for_arm(
+        cls,
+        arm: ArmModel,
+        velocity_max: Array | None = None,
+        options: DifferentialIkOptions | None = None,
+        clearance: Callable[[Array], float] | None = None,
+    ) -> DifferentialIk:
+        """The solver with default limits where none are given."""
+        return cls(
+            arm=arm,
+            velocity_max=None if velocity_max is None else frozen_array(velocity_max, float),
+            options=options or DifferentialIkOptions(),
+            clearance=clearance,
+        )
+
+    def solve(self, q: Array, twist: Array) -> JointVelocityCommand:
+        """Joint velocities for a wished twist.
+
+        Args:
+            q: (n,) rad, measured.
+            twist: (6,) of the hand's origin, base axes: linear m/s, angular rad/s. Too fast a wish is scaled down as a
+                whole, so the direction stays.
+
+        Raises:
+            InvalidInput: the twist is not six finite numbers.
+        """
+        wish, scale = self._capped(twist)
+        J = self.arm.jacobian(q)
+        velocity, sigma = damped_inverse(J, wish, self.options.damping_sigma)
+        held = self._into_limits(np.asarray(q, float), velocity)
+        if held.any():  # once more with the free joints only
+            reduced = J.copy()
+            reduced[:, held] = 0.0
+            velocity, _ = damped_inverse(reduced, wish, self.options.damping_sigma)
+            held |= self._into_limits(np.asarray(q, float), velocity)
+            velocity[held] = 0.0
+        excess = 1.0 if self.velocity_max is None else max(1.0, float((np.abs(velocity) / self.velocity_max).max()))
+        share = self._free_share(np.asarray(q, float), velocity / excess)
+        return JointVelocityCommand(
+            velocity=velocity * share / excess,
+            scale=scale * share / excess,
+            sigma_min=sigma,
+            held_joints=tuple(int(i) for i in np.flatnonzero(held)),
+        )
+
+    def _capped(self, twist: Array) -> tuple[Array, float]:
+        twist = np.asarray(twist, dtype=float)
+        if twist.shape != (6,) or not np.isfinite(twist).all():
+            raise InvalidInput(f"a twist must be six finite numbers (m/s, rad/s), got {twist}")
+        linear, angular = float(np.linalg.norm(twist[:3])), float(np.linalg.norm(twist[3:]))
+        scale = 1.0 / max(1.0, linear / self.options.linear_max, angular / self.options.angular_max)
+        return twist * scale, scale
+
+    def _into_limits(self, q: Array, velocity: Array) -> Array:
+        margin = self.options.limit_margin_rad
+        low = (q < self.arm.position_min + margin) & (velocity < 0)
+        high = (q > self.arm.position_max - margin) & (velocity > 0)
+        return low | high
+
+    def _free_share(self, q: Array, velocity: Array) -> float:
+        """0..1: how much of the speed the clearance allows."""
+        if self.clearance is None or not velocity.any():
+            return 1.0
+        options = self.options
+        ahead = self.clearance(q + options.look_ahead_s * velocity)
+        if ahead >= options.clearance_slow_m or ahead > self.clearance(q) + 1e-6:
+            return 1.0
+        band = options.clearance_slow_m - options.clearance_stop_m
+        return float(np.clip((ahead - options.clearance_stop_m) / band, 0.0, 1.0))
+
+
+def damped_inverse(J: Array, twist: Array, damping_sigma: float) -> tuple[Array, float]:
+    """Joint velocities (n,) with least squared error of the twist, and the smallest singular value of the Jacobian.
+
+    Below `damping_sigma` the squared damping grows from 0 to `damping_sigma`^2.
+    """
+    weight = np.array([1.0, 1.0, 1.0, ROTATION_WEIGHT, ROTATION_WEIGHT, ROTATION_WEIGHT])
+    U, sigma, Vt = np.linalg.svd(weight[:, None] * J, full_matrices=False)
+    smallest = float(sigma[-1])
+    damping = max(damping_sigma**2 - smallest**2, 0.0)
+    gains = sigma / np.maximum(sigma**2 + damping, 1e-12)
+    return Vt.T @ (gains * (U.T @ (weight * twist))), smallest
+
+
+def shift_twist(twist: Array, p_from: Array, p_to: Array) -> Array:
+    """The twist (6,) of a rigid body at another of its points; both points (3,) m, along the twist's axes."""
+    shifted = np.array(twist, dtype=float)
+    shifted[:3] += np.cross(shifted[3:], np.asarray(p_to) - np.asarray(p_from))
+    return shifted

@@ -1,0 +1,274 @@
+"""Image-based visual servoing on marker corners, in two stages: a stand-off first, then in.
+
+Source: Chaumette and Hutchinson, Visual servo control, part I, 2006; adaptive gain as in ViSP.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from grape.control.features import (
+    adaptive_gain,
+    interaction_matrix,
+    marker_corners,
+    normalise,
+    project,
+    square_depths,
+    view_velocity,
+)
+from grape.errors import ActionFailed, InvalidInput, Reason
+from grape.geometry import inverse, transform
+from grape.messages import Array
+
+DesiredView = Callable[[float], Array]  # stand-off (m) -> T_camera_marker (4, 4) to be seen there
+
+
+class ServoStage(StrEnum):
+    """Where a servo run stands."""
+
+    STAND_OFF = "stand_off"
+    DESCEND = "descend"
+    FINAL = "final"
+    CONVERGED = "converged"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MarkerServoOptions:
+    """Stages, gains and time-outs.
+
+    Args:
+        standoff_m: distance of the first stage (0.05 at the feeder, 0.08 at the nail).
+        standoff_px, standoff_frames: corner error below which, for so many frames, the second stage begins.
+        descend_speed: m/s at which the stand-off shrinks then, while the error is below `descend_px`.
+        descend_px: see above.
+        stop_px, stop_frames: corner error below which, for so many frames at stand-off 0, it has converged
+            (0.5 px with two markers on the nail).
+        gain_at_zero, gain_at_infinity, gain_slope: adaptive gain, 1/s.
+        switch_rate: 1/s at which the jump of a change of markers fades.
+        fade_from_s, fade_to_s: age of the last seen marker between which the motion fades to zero.
+        lost_s: age at which the run is given up.
+    """
+
+    standoff_m: float = 0.05
+    standoff_px: float = 2.0
+    standoff_frames: int = 4
+    descend_speed: float = 0.03
+    descend_px: float = 6.0
+    stop_px: float = 0.4
+    stop_frames: int = 8
+    gain_at_zero: float = 1.6
+    gain_at_infinity: float = 0.8
+    gain_slope: float = 20.0
+    switch_rate: float = 6.0
+    fade_from_s: float = 0.2
+    fade_to_s: float = 0.3
+    lost_s: float = 2.0
+
+    def __post_init__(self) -> None:
+        if not (self.standoff_m >= 0 and 0 < self.fade_from_s < self.fade_to_s <= self.lost_s):
+            raise InvalidInput(
+                "standoff_m >= 0 and 0 < fade_from_s < fade_to_s <= lost_s must hold, got "
+                f"{self.standoff_m}, {self.fade_from_s}, {self.fade_to_s}, {self.lost_s}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoState:
+    """How a servo run stands after a frame.
+
+    Attributes:
+        stage: see `ServoStage`.
+        error_px: root mean square distance of the corners from where they should be; inf before any was seen.
+        standoff_m: the present stand-off.
+        visible: ids of the markers in use.
+        frames: frames with at least one marker.
+    """
+
+    stage: ServoStage = ServoStage.STAND_OFF
+    error_px: float = float("inf")
+    standoff_m: float = 0.0
+    visible: tuple[int, ...] = ()
+    frames: int = 0
+
+    @property
+    def converged(self) -> bool:
+        """Whether the run is over."""
+        return self.stage is ServoStage.CONVERGED
+
+
+class MarkerServo:
+    """One servo run on any subset of known markers.
+
+    Between frames the corners are carried on by the arm's kinematics, so a late frame costs little; the frames alone
+    decide the error and the stages.
+
+    Args:
+        targets: for each marker id, its desired pose `T_camera_marker` as a function of the stand-off (m).
+        marker_side: m.
+        K: (3, 3) px.
+        options: stages, gains and time-outs.
+    """
+
+    def __init__(
+        self,
+        targets: Mapping[int, DesiredView],
+        marker_side: float,
+        K: Array,
+        options: MarkerServoOptions | None = None,
+    ) -> None:
+        if not targets or not marker_side > 0 or np.shape(K) != (3, 3):
+            raise InvalidInput(f"needs a target, a side > 0 and a 3 x 3 K, got {targets}, {marker_side}, {np.shape(K)}")
+        self.options = options or MarkerServoOptions()
+        self.state = ServoState(standoff_m=self.options.standoff_m)
+        self._targets, self._side, self._K = dict(targets), marker_side, np.asarray(K, float)
+        self._square = marker_corners(marker_side)
+        self._corners: dict[int, Array] = {}  # (4, 3) m in the base frame, markers of the last frame that had any
+        self._standoffs: list[tuple[float, float]] = []  # (time, stand-off)
+        self._good_frames = 0
+        self._first = self._last_frame = self._last_seen = self._last_twist = float("nan")
+        self._command, self._jump, self._jump_time = np.zeros(6), np.zeros(6), -np.inf
+        self._markers_changed = True
+
+    def update(self, stamp: float, markers: Mapping[int, Array], T_base_camera: Array) -> ServoState:
+        """Take in one frame.
+
+        Args:
+            stamp: s, when the frame was taken; a frame not newer than the last is ignored.
+            markers: detected corners (4, 2) px by id, in the order of OpenCV; unknown ids are ignored.
+            T_base_camera: (4, 4) pose of the optical frame at `stamp`, by kinematics.
+
+        Returns:
+            The state after it.
+        """
+        if stamp <= self._last_frame:
+            return self.state
+        self._last_frame = stamp
+        if np.isnan(self._first):
+            self._first = stamp
+        seen = {i: np.asarray(corners, float) for i, corners in markers.items() if i in self._targets}
+        if not seen:
+            self._good_frames = 0
+            return self.state
+        self._last_seen = stamp
+        visible = tuple(sorted(seen))
+        self._markers_changed |= visible != tuple(sorted(self._corners))
+        self._corners, errors = {}, []
+        standoff = self._standoff_at(stamp)
+        for i in visible:
+            xy = normalise(seen[i].reshape(4, 2), self._K)
+            rays = np.column_stack([xy, np.ones(4)])
+            self._corners[i] = transform(T_base_camera, square_depths(xy, self._side)[:, None] * rays)
+            errors.append(xy - project(transform(self._targets[i](standoff), self._square)))
+        error_px = float(np.sqrt((np.concatenate(errors) ** 2).sum(axis=1).mean()) * self._K[0, 0])
+        self.state = replace(self.state, error_px=error_px, visible=visible, frames=self.state.frames + 1)
+        self._next_stage(error_px)
+        return self.state
+
+    def twist(self, now: float, T_base_camera: Array) -> Array:
+        """The camera's velocity to command.
+
+        Args:
+            now: s.
+            T_base_camera: (4, 4) pose of the optical frame now, by kinematics.
+
+        Returns:
+            (6,) linear m/s and angular rad/s of the optical centre, along the base axes.
+
+        Raises:
+            ActionFailed: FEATURE_LOST when no marker, or STALE_DATA when no frame came for too long.
+        """
+        if np.isnan(self._first):
+            self._first = now
+        dt = 0.0 if np.isnan(self._last_twist) else float(np.clip(now - self._last_twist, 0.0, 0.05))
+        self._last_twist = now
+        share = self._visibility(now)
+        if share == 0.0 or self.state.converged:
+            self._command, self._markers_changed = np.zeros(6), True
+            self._remember(now)
+            return self._command.copy()
+        speed = self._descend(dt, share)
+        self._remember(now)
+        wish = self._servo_twist(T_base_camera, speed)
+        if self._markers_changed:  # start from what was commanded last and let the difference fade
+            self._jump, self._jump_time, self._markers_changed = self._command - wish, now, False
+        self._command = share * (wish + self._jump * np.exp(-self.options.switch_rate * (now - self._jump_time)))
+        return self._command.copy()
+
+    def _servo_twist(self, T_base_camera: Array, speed: float) -> Array:
+        """-gain L^+ (s - s*) plus the motion of s*, turned into the base axes."""
+        T_camera_base, standoff = inverse(T_base_camera), self.state.standoff_m
+        errors, rows = [], []
+        for i, corners in self._corners.items():
+            points, desired = transform(T_camera_base, corners), transform(self._targets[i](standoff), self._square)
+            xy, xy_desired = project(points), project(desired)
+            errors.append((xy - xy_desired).ravel())
+            rows.append(0.5 * (interaction_matrix(xy, points[:, 2]) + interaction_matrix(xy_desired, desired[:, 2])))
+        error = np.concatenate(errors)
+        options = self.options
+        gain = adaptive_gain(
+            float(np.abs(error).max()), options.gain_at_zero, options.gain_at_infinity, options.gain_slope
+        )
+        v_camera = -gain * np.linalg.lstsq(np.concatenate(rows), error, rcond=None)[0]
+        if speed > 0.0:
+            v_camera = v_camera + view_velocity(self._targets[next(iter(self._corners))], standoff, speed)
+        R = T_base_camera[:3, :3]
+        return np.r_[R @ v_camera[:3], R @ v_camera[3:]]
+
+    def _visibility(self, now: float) -> float:
+        """1 while markers are fresh, falling to 0 when they are not.
+
+        Raises:
+            ActionFailed: see `twist`.
+        """
+        options = self.options
+        since_frame = now - (self._first if np.isnan(self._last_frame) else self._last_frame)
+        since_seen = now - (self._first if np.isnan(self._last_seen) else self._last_seen)
+        if since_frame > options.lost_s:
+            raise ActionFailed(Reason.STALE_DATA, f"no camera frame for {since_frame:.1f} s")
+        if since_seen > options.lost_s:
+            raise ActionFailed(
+                Reason.FEATURE_LOST, f"none of the markers {sorted(self._targets)} for {since_seen:.1f} s"
+            )
+        if not self._corners:
+            return 0.0
+        return float(np.clip((options.fade_to_s - since_seen) / (options.fade_to_s - options.fade_from_s), 0.0, 1.0))
+
+    def _descend(self, dt: float, share: float) -> float:
+        """Shrink the stand-off; returns its speed (m/s)."""
+        standoff = self.state.standoff_m
+        moving = (
+            self.state.stage is ServoStage.DESCEND and self.state.error_px < self.options.descend_px and share == 1.0
+        )
+        if not moving or standoff <= 0.0:
+            return 0.0
+        self.state = replace(self.state, standoff_m=max(0.0, standoff - self.options.descend_speed * dt))
+        return self.options.descend_speed
+
+    def _next_stage(self, error_px: float) -> None:
+        """Stage changes, decided at frames."""
+        options, stage = self.options, self.state.stage
+        if stage is ServoStage.DESCEND and self.state.standoff_m <= 0.0:
+            stage, self._good_frames = ServoStage.FINAL, 0
+        if stage in (ServoStage.STAND_OFF, ServoStage.FINAL):
+            first = stage is ServoStage.STAND_OFF
+            limit, frames = (
+                (options.standoff_px, options.standoff_frames) if first else (options.stop_px, options.stop_frames)
+            )
+            self._good_frames = self._good_frames + 1 if error_px < limit else 0
+            if self._good_frames >= frames:
+                stage, self._good_frames = (ServoStage.DESCEND if first else ServoStage.CONVERGED), 0
+        self.state = replace(self.state, stage=stage)
+
+    def _remember(self, now: float) -> None:
+        self._standoffs = [*self._standoffs[-99:], (now, self.state.standoff_m)]
+
+    def _standoff_at(self, stamp: float) -> float:
+        """The stand-off that was asked for when a frame was taken."""
+        if not self._standoffs:
+            return self.state.standoff_m
+        times, values = zip(*self._standoffs, strict=True)
+        return float(np.interp(stamp, times, values))

@@ -1,0 +1,260 @@
+"""Visual servoing on one image point with depth, at constant orientation: the hand is led to a spur.
+
+The point is kept in the base frame, so the arm's kinematics carry it on between frames and over the last centimetres,
+where the depth camera sees nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from grape.control.ibvs import ServoStage
+from grape.errors import ActionFailed, InvalidInput, Reason
+from grape.geometry import inverse, rotation_log, transform
+from grape.messages import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointServoOptions:
+    """Stages, gains and time-outs.
+
+    Args:
+        standoff_m: distance of the first stage.
+        standoff_error_m, standoff_frames: error below which, for so many frames, the second stage begins.
+        descend_speed: m/s at which the stand-off shrinks then.
+        stop_error_m, stop_frames: error below which, for so many frames at stand-off 0, it has converged.
+        gain, orientation_gain: 1/s.
+        depth_min, depth_max: m, depths outside are no measurement.
+        gate_m: a point farther from the prediction than this is not believed.
+        smoothing: share of a new measurement in the estimate.
+        blind_m: from this distance to the target on, kinematics alone may lead.
+        grace_m, growth_max_m: after `grace_m` of motion the distance to the target may exceed its smallest value by
+            `growth_max_m`, no more.
+        fade_from_s, fade_to_s, lost_s: as in `MarkerServoOptions`.
+    """
+
+    standoff_m: float = 0.07
+    standoff_error_m: float = 0.004
+    standoff_frames: int = 3
+    descend_speed: float = 0.03
+    stop_error_m: float = 0.002
+    stop_frames: int = 5
+    gain: float = 1.2
+    orientation_gain: float = 2.0
+    depth_min: float = 0.20
+    depth_max: float = 1.0
+    gate_m: float = 0.03
+    smoothing: float = 0.5
+    blind_m: float = 0.06
+    grace_m: float = 0.025
+    growth_max_m: float = 0.02
+    fade_from_s: float = 0.2
+    fade_to_s: float = 0.3
+    lost_s: float = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PointServoState:
+    """How a run stands after a frame.
+
+    Attributes:
+        stage: see `ServoStage`.
+        error_m: distance of the point from where it should be at the present stand-off; inf before it was seen.
+        standoff_m: the present stand-off.
+        seen: whether the last frame gave a believed measurement.
+        frames: frames that did.
+    """
+
+    stage: ServoStage = ServoStage.STAND_OFF
+    error_m: float = float("inf")
+    standoff_m: float = 0.0
+    seen: bool = False
+    frames: int = 0
+
+    @property
+    def converged(self) -> bool:
+        """Whether the run is over."""
+        return self.stage is ServoStage.CONVERGED
+
+
+class PointServo:
+    """One servo run on one point.
+
+    Args:
+        target: desired position (3,) m of the point in the optical frame as a function of the stand-off (m), for the
+            orientation that is held.
+        K: (3, 3) px.
+        options: stages, gains and time-outs.
+        p_base_point: (3,) m, first guess of the point in the base frame, such as the deployment pose; with it the first
+            measurement is gated too, at `first_gate_m`.
+        first_gate_m: m.
+    """
+
+    def __init__(
+        self,
+        target: Callable[[float], Array],
+        K: Array,
+        options: PointServoOptions | None = None,
+        *,
+        p_base_point: Array | None = None,
+        first_gate_m: float = 0.10,
+    ) -> None:
+        if np.shape(K) != (3, 3):
+            raise InvalidInput(f"K must be 3 x 3, got {np.shape(K)}")
+        self.options = options or PointServoOptions()
+        self.state = PointServoState(standoff_m=self.options.standoff_m)
+        self._target, self._K = target, np.asarray(K, float)
+        self._point = None if p_base_point is None else np.array(p_base_point, float)
+        self._gate = first_gate_m
+        self._good_frames, self._measured_distance = 0, float("inf")
+        self._first = self._last_frame = self._last_seen = self._last_twist = float("nan")
+        self._rotation: Array | None = None
+        self._origin: Array | None = None
+        self._least = float("inf")
+
+    def predict(self, T_base_camera: Array) -> tuple[Array, float] | None:
+        """Pixel (2,) and depth (m) at which the point should appear from a camera pose; None before any guess."""
+        if self._point is None:
+            return None
+        x, y, z = transform(inverse(T_base_camera), self._point)
+        if z <= 1e-3:
+            return None
+        return np.array([self._K[0, 0] * x / z + self._K[0, 2], self._K[1, 1] * y / z + self._K[1, 2]]), float(z)
+
+    def update(self, stamp: float, pixel: Array | None, depth: float | None, T_base_camera: Array) -> PointServoState:
+        """Take in one frame.
+
+        Args:
+            stamp: s, when the frame was taken; a frame not newer than the last is ignored.
+            pixel: (2,) px, or None when the point was not found.
+            depth: m, or None when there is none; without a valid depth the image is not used either.
+            T_base_camera: (4, 4) pose of the optical frame at `stamp`, by kinematics.
+        """
+        if stamp <= self._last_frame:
+            return self.state
+        self._last_frame = stamp
+        if np.isnan(self._first):
+            self._first = stamp
+        seen = self._measure(pixel, depth, T_base_camera)
+        if seen:
+            self._last_seen = stamp
+        if self._point is None or (np.isnan(self._last_seen) and not seen):
+            self.state = replace(self.state, seen=seen)
+            return self.state
+        p_camera = transform(inverse(T_base_camera), self._point)
+        if seen:
+            self._measured_distance = float(np.linalg.norm(p_camera - self._target(0.0)))
+        error = float(np.linalg.norm(p_camera - self._target(self.state.standoff_m)))
+        self.state = replace(self.state, error_m=error, seen=seen, frames=self.state.frames + int(seen))
+        if seen or self._may_go_blind():
+            self._next_stage(error)
+        else:
+            self._good_frames = 0
+        return self.state
+
+    def twist(self, now: float, T_base_camera: Array) -> Array:
+        """The camera's velocity to command.
+
+        Args:
+            now: s.
+            T_base_camera: (4, 4) pose of the optical frame now, by kinematics.
+
+        Returns:
+            (6,) linear m/s and angular rad/s of the optical centre, along the base axes; the angular part only holds
+            the orientation of the first call.
+
+        Raises:
+            ActionFailed: FEATURE_LOST, STALE_DATA or DISTANCE_GROWS.
+        """
+        if np.isnan(self._first):
+            self._first = now
+        if self._rotation is None:
+            self._rotation, self._origin = T_base_camera[:3, :3].copy(), T_base_camera[:3, 3].copy()
+        dt = 0.0 if np.isnan(self._last_twist) else float(np.clip(now - self._last_twist, 0.0, 0.05))
+        self._last_twist = now
+        share = self._visibility(now)
+        if share == 0.0 or self._point is None or self.state.converged:
+            return np.zeros(6)
+        p_camera = transform(inverse(T_base_camera), self._point)
+        self._watch_distance(p_camera, T_base_camera)
+        v_camera = self.options.gain * (p_camera - self._target(self.state.standoff_m))
+        v_camera = v_camera + self._descend(dt)
+        R = T_base_camera[:3, :3]
+        return share * np.r_[R @ v_camera, self.options.orientation_gain * rotation_log(self._rotation @ R.T)]
+
+    def _measure(self, pixel: Array | None, depth: float | None, T_base_camera: Array) -> bool:
+        """Believe a measurement or not; moves the estimate of the point when it does."""
+        options = self.options
+        if pixel is None or depth is None or not (options.depth_min <= depth <= options.depth_max):
+            return False
+        x, y = (np.asarray(pixel, float) - self._K[:2, 2]) / (self._K[0, 0], self._K[1, 1])
+        p_base = transform(T_base_camera, depth * np.array([x, y, 1.0]))
+        if not np.isfinite(p_base).all():
+            return False
+        first = np.isnan(self._last_seen)
+        if self._point is not None and np.linalg.norm(p_base - self._point) > (self._gate if first else options.gate_m):
+            return False
+        if self._point is None or first:
+            self._point = p_base
+        else:
+            self._point = self._point + options.smoothing * (p_base - self._point)
+        return True
+
+    def _may_go_blind(self) -> bool:
+        """Whether the last centimetres are reached, where kinematics alone may lead."""
+        return (
+            self.state.stage in (ServoStage.DESCEND, ServoStage.FINAL)
+            and self._measured_distance <= self.options.standoff_m + self.options.blind_m
+        )
+
+    def _visibility(self, now: float) -> float:
+        options = self.options
+        since_frame = now - (self._first if np.isnan(self._last_frame) else self._last_frame)
+        since_seen = now - (self._first if np.isnan(self._last_seen) else self._last_seen)
+        if since_frame > options.lost_s:
+            raise ActionFailed(Reason.STALE_DATA, f"no camera frame for {since_frame:.1f} s")
+        if self._may_go_blind():
+            return 1.0
+        if since_seen > options.lost_s:
+            raise ActionFailed(Reason.FEATURE_LOST, f"the point was not seen for {since_seen:.1f} s")
+        if np.isnan(self._last_seen):
+            return 0.0
+        return float(np.clip((options.fade_to_s - since_seen) / (options.fade_to_s - options.fade_from_s), 0.0, 1.0))
+
+    def _watch_distance(self, p_camera: Array, T_base_camera: Array) -> None:
+        distance = float(np.linalg.norm(p_camera - self._target(0.0)))
+        self._least = min(self._least, distance)
+        travelled = float(np.linalg.norm(T_base_camera[:3, 3] - self._origin))
+        if travelled > self.options.grace_m and distance > self._least + self.options.growth_max_m:
+            raise ActionFailed(
+                Reason.DISTANCE_GROWS,
+                f"{distance * 1e3:.0f} mm from the target after {self._least * 1e3:.0f} mm were reached",
+            )
+
+    def _descend(self, dt: float) -> Array:
+        """Shrink the stand-off; returns the camera velocity (3,) that follows it, optical frame."""
+        standoff, speed = self.state.standoff_m, self.options.descend_speed
+        if self.state.stage is not ServoStage.DESCEND or standoff <= 0.0 or dt <= 0.0:
+            return np.zeros(3)
+        shorter = max(0.0, standoff - speed * dt)
+        self.state = replace(self.state, standoff_m=shorter)
+        return (self._target(standoff) - self._target(shorter)) / dt
+
+    def _next_stage(self, error: float) -> None:
+        options, stage = self.options, self.state.stage
+        if stage is ServoStage.DESCEND and self.state.standoff_m <= 0.0:
+            stage, self._good_frames = ServoStage.FINAL, 0
+        if stage in (ServoStage.STAND_OFF, ServoStage.FINAL):
+            first = stage is ServoStage.STAND_OFF
+            limit, frames = (
+                (options.standoff_error_m, options.standoff_frames)
+                if first
+                else (options.stop_error_m, options.stop_frames)
+            )
+            self._good_frames = self._good_frames + 1 if error < limit else 0
+            if self._good_frames >= frames:
+                stage, self._good_frames = (ServoStage.DESCEND if first else ServoStage.CONVERGED), 0
+        self.state = replace(self.state, stage=stage)
