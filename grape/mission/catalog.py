@@ -55,14 +55,11 @@ def _folder(package: str) -> Path:
 def nodes(task: str) -> dict[str, Any]:
     """Every action and condition that a tree of this task may use, by name: those of grape and those of the task."""
     from grape.actions.core import Action, Condition
+    from grape.bt import node_library
 
-    found: dict[str, Any] = {}
-    for package in ("grape.actions", f"grape.tasks.{task}"):
-        for module in _modules(package):
-            for thing in vars(module).values():
-                if isinstance(thing, Action | Condition):
-                    found[thing.name] = thing
-    return dict(sorted(found.items()))
+    modules = [*_modules("grape.actions"), *_modules(f"grape.tasks.{task}")]
+    leaves = {id(leaf): leaf for m in modules for leaf in vars(m).values() if isinstance(leaf, Action | Condition)}
+    return dict(node_library(sorted(leaves.values(), key=lambda leaf: leaf.name)))
 
 
 def _modules(package: str) -> list[Any]:

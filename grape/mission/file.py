@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -82,7 +83,7 @@ class Mission:
     def resolved(self) -> dict[str, Any]:
         """The mission as it runs, every default written out; loading it again gives the same mission."""
         data = self.file.model_dump(mode="json", exclude={"select"}, exclude_none=True)
-        data["world"] = {"type": self.file.world.get("type", "vineyard"), **self.world.model_dump(mode="json")}
+        data["world"] = {"type": self.file.world.get("type", "vineyard"), **dataclasses.asdict(self.world)}
         data["plants"] = [plant.model_dump() for plant in self.plants]
         if self.surveyed:
             data["site"] = "site.geojson"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from ruamel.yaml import YAML
 
 from grape.actions.core import Context
@@ -96,8 +97,8 @@ def finish(mission: Mission, runner: Runner, simulation: Any, folder: Path) -> d
     events = list(read_events(folder / "events.jsonl"))
     result = build_result(mission, finding, runner.ledger, events, simulation.referee.verdict())
     runner.close()
-    path = [(sample.time_s, sample.x, sample.y, sample.yaw) for sample in simulation.referee.path]
-    write_atomic(folder / "path.csv", finding.track.to_csv(path))
+    truth = np.array([(s.time_s, s.x, s.y, s.yaw) for s in simulation.referee.path]).reshape(-1, 4)
+    write_atomic(folder / "path.csv", finding.track.to_csv(truth))
     write_result(result, folder)
     write_report(folder)
     return result
@@ -129,7 +130,7 @@ def write_inputs(mission: Mission, folder: Path) -> None:
     save_site(mission.site, folder / "site.geojson")
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
-    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.sort_base_mapping_type_on_output = False
     text = io.StringIO()
     yaml.dump({**mission.resolved(), "tree": "tree.xml"}, text)
     write_atomic(folder / "mission.yaml", text.getvalue())
@@ -160,7 +161,6 @@ class Film:
     def close(self) -> None:
         """Write the contact sheet: six pictures a line."""
         import cv2
-        import numpy as np
 
         if not self._frames:
             return

@@ -30,7 +30,8 @@ def _nodes(task: str) -> Table:
     arrows = {Direction.INPUT: "→", Direction.OUTPUT: "←", Direction.INOUT: "↔"}
     for name, leaf in nodes(task).items():
         ports = [
-            f"{arrows[port.direction]} {port.name}: {type_name(port.type)}{'' if port.required or port.direction is Direction.OUTPUT else ' (optional)'}"
+            f"{arrows[port.direction]} {port.name}: {type_name(port.type)}"
+            + ("" if port.required or port.direction is Direction.OUTPUT else " (optional)")
             for port in leaf_ports(leaf).values()
         ]
         table.add_row(name, "\n".join(ports), leaf.summary)

@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from grape.actions.core import Context, InlineJobs, Outcome
+from grape.actions.core import Context, InlineJobs, Outcome, Status
 from grape.clock import Clock, MonotonicClock
 from grape.drivers import Drivers
 from grape.errors import Reason
@@ -52,7 +52,7 @@ class Backend(Protocol):
 class Tree(Protocol):
     """A behaviour tree that is being executed."""
 
-    def tick(self) -> Any: ...
+    def tick(self) -> Status: ...
 
     def halt(self) -> None: ...
 
@@ -162,7 +162,7 @@ class Runner:
                 return "time_limit"
             if self._cancelled():
                 return "aborted"
-            if _name(tree.tick()) != "running":
+            if tree.tick() is not Status.ACTIVE:
                 return "tree"
             self._backend.advance()
             self._on_beat(now)
@@ -195,8 +195,3 @@ class Runner:
                 continue
             why = finding.ended_by if finding.ended_by != "tree" else Reason.FEEDER_EMPTY if empty else "not_served"
             self.ledger.finish(task.plant, Outcome.SKIPPED, "not_served" if why == "crash" else why)
-
-
-def _name(status: Any) -> str:
-    """The name of a tree's status, whichever enumeration it is of."""
-    return str(getattr(status, "name", status)).lower()
