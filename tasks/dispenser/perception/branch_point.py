@@ -81,8 +81,8 @@ def _window(image: RgbdImage, pixel: Array, depth_m: float, options: BranchPoint
     lab = cv2.cvtColor(np.ascontiguousarray(bgr[v0:v1, u0:u1]), cv2.COLOR_BGR2LAB).astype(np.float32)
     z = np.where(depth[v0:v1, u0:u1] < options.min_depth_m, 0.0, depth[v0:v1, u0:u1])
     gate = np.abs(z - depth_m) < options.depth_gate_m
-    if not gate.any() and depth_m < options.min_depth_m + options.depth_gate_m:
-        gate = z == 0  # nearer than the camera can measure: colour alone, on what has no depth
+    if depth_m < options.min_depth_m + options.depth_gate_m:
+        gate |= z == 0  # perhaps nearer than the camera can measure: there, colour alone decides
     return _Window(lab=lab, depth=z, origin=np.array([u0, v0], float), gate=gate, px_per_m=px_per_m)
 
 

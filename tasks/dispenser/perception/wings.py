@@ -15,7 +15,9 @@ from grape.messages import Array, RgbdImage, frozen_array
 from grape.perception.blobs import Blob, BlobOptions, find_blobs
 from grape.perception.checks import as_intrinsics, as_vector
 
-WING = BlobOptions()  # hue 175...5, 60...2500 px at f = 615, solidity 0.80, hull match 0.12
+# Hue 175...5, 60...2500 px at f = 615, solidity 0.80, hull match 0.12. Under a low sun the shaded side of a wing has
+# value 43.
+WING = BlobOptions(value=35)
 
 
 @dataclass(frozen=True, kw_only=True)
