@@ -1,1 +1,1 @@
-"""TODO"""
+"""Tasks: one package a task, using only what an outsider's task could use."""

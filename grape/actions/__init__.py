@@ -1,1 +1,1 @@
-"""TODO"""
+"""Long-running actions, one a file; `grape.actions.core` says what an action is."""

@@ -57,11 +57,12 @@ def follow_hand_path(
     status: str,
     gripper: GripperDriver | None = None,
     fingers_at: Callable[[float], Array] | None = None,
+    settle: bool = True,
     options: HandPathOptions | None = None,
 ) -> Generator[Feedback, None, Array]:
     """Moves the hand along `pose_at(t)` = `T_base_hand` for t in [0, duration_s], and the fingers along `fingers_at(t)`.
 
-    Differential inverse kinematics with feed-forward at 100 Hz.
+    Differential inverse kinematics with feed-forward at 100 Hz. With `settle` it waits for the hand to come to rest.
 
     Returns:
         (6,) the last pose error, m and rad.
@@ -70,7 +71,7 @@ def follow_hand_path(
         ActionFailed: TRACKING_ERROR when the hand falls behind by more than the tolerance.
     """
     options = options or HandPathOptions()
-    solver = DifferentialIk.for_arm(ctx.robot.arm)
+    solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.velocity_max)
     start = ctx.clock.now()
     while True:
         t = min(ctx.clock.now() - start, duration_s)
@@ -82,7 +83,7 @@ def follow_hand_path(
         arm.send(solver.solve(q, feed_forward + options.gain * error).velocity)
         if gripper is not None and fingers_at is not None:
             gripper.send(fingers_at(min(t + BEAT_S, duration_s)))
-        if ctx.clock.now() - start >= duration_s + options.settle_s:
+        if ctx.clock.now() - start >= duration_s + (options.settle_s if settle else 0.0):
             return error
         yield Feedback(status=status, progress=t / duration_s if duration_s > 0 else 1.0)
 

@@ -1,0 +1,180 @@
+"""Visual servoing inside an action: frames in, hand velocities out, until the features are where they should be."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.actions.core import Context, Feedback
+from grape.control.differential_ik import DifferentialIk, shift_twist
+from grape.control.ibvs import MarkerServo
+from grape.control.point_servo import PointServo
+from grape.drivers import ArmDriver
+from grape.errors import ActionFailed, Reason, StaleData
+from grape.geometry import inverse, transform
+from grape.messages import Array, RgbdImage
+from grape.perception.markers import MarkerDetector, corner_points, project
+
+CAMERA = "camera_optical"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoOutcome:
+    """How a converged run ended: corner or point error in px, frames used, duration in s."""
+
+    error_px: float
+    iterations: int
+    duration_s: float
+
+
+def servo_on_markers(
+    ctx: Context,
+    arm: ArmDriver,
+    servo: MarkerServo,
+    desired: Callable[[float], Mapping[int, Array]],
+    detector: MarkerDetector,
+    marker_side_m: float,
+    *,
+    name: str,
+    status: str,
+    timeout_s: float = 25.0,
+) -> Generator[Feedback, None, ServoOutcome]:
+    """Moves the hand until the corners of the visible markers are on their targets.
+
+    Args:
+        ctx, arm: context and leased arm.
+        servo: the controller, at its start.
+        desired: stand-off (m) -> `T_camera_marker` by id; for the record.
+        detector, marker_side_m: how markers are found, and their side.
+        name: of the action, for the record.
+        status: what to tell meanwhile.
+        timeout_s: the run is given up after this.
+
+    Raises:
+        ActionFailed: FEATURE_LOST, STALE_DATA, NOT_CONVERGED or UNREACHABLE.
+    """
+
+    def take(image: RgbdImage, T_base_camera: Array) -> bool:
+        seen = {marker.id: marker.corners for marker in detector.detect(image.bgr)}
+        state = servo.update(image.stamp, seen, T_base_camera)
+        goals = desired(state.standoff_m)
+        square = corner_points(marker_side_m)
+        targets = {i: project(transform(goals[i], square), image.info.K) for i in state.visible}
+        _record(ctx, name, image.stamp, state.error_px, [seen.get(i) for i in state.visible], list(targets.values()))
+        return state.converged
+
+    loop = _Loop(ctx, arm, name=name, status=status, timeout_s=timeout_s)
+    yield from loop.run(take, servo.twist, lambda: f"{servo.state.error_px:.1f} px, {servo.state.stage}")
+    return loop.finish(servo.state.error_px, servo.state.frames)
+
+
+def servo_on_point(
+    ctx: Context,
+    arm: ArmDriver,
+    servo: PointServo,
+    find: Callable[[RgbdImage, Array, float], tuple[Array | None, float | None]],
+    target: Callable[[float], Array],
+    *,
+    name: str,
+    status: str,
+    timeout_s: float = 25.0,
+) -> Generator[Feedback, None, ServoOutcome]:
+    """Moves the hand, at constant orientation, until one image point with depth is where it should be.
+
+    Args:
+        ctx, arm: context and leased arm.
+        servo: the controller, at its start, with a first guess of the point.
+        find: gets a frame, the predicted pixel (2,) and depth (m); returns pixel and depth, None where there is none.
+        target: stand-off (m) -> desired point (3,) m in the optical frame; for the record.
+        name, status, timeout_s: as in `servo_on_markers`.
+
+    Raises:
+        ActionFailed: FEATURE_LOST, STALE_DATA, DISTANCE_GROWS, NOT_CONVERGED or UNREACHABLE.
+    """
+    error_px = float("inf")
+
+    def take(image: RgbdImage, T_base_camera: Array) -> bool:
+        nonlocal error_px
+        guess = servo.predict(T_base_camera)
+        pixel, depth = (None, None) if guess is None else find(image, *guess)
+        state = servo.update(image.stamp, pixel, depth, T_base_camera)
+        goal = project(target(state.standoff_m)[None], image.info.K)[0]
+        after = servo.predict(T_base_camera)
+        shown = pixel if pixel is not None else None if after is None else after[0]
+        error_px = float("inf") if shown is None else float(np.linalg.norm(shown - goal))
+        _record(ctx, name, image.stamp, error_px, [None if shown is None else shown[None]], [goal[None]])
+        return state.converged
+
+    loop = _Loop(ctx, arm, name=name, status=status, timeout_s=timeout_s)
+    yield from loop.run(take, servo.twist, lambda: f"{1e3 * servo.state.error_m:.0f} mm, {servo.state.stage}")
+    return loop.finish(error_px, servo.state.frames)
+
+
+class _Loop:
+    """The beat that both kinds of servoing share."""
+
+    def __init__(self, ctx: Context, arm: ArmDriver, *, name: str, status: str, timeout_s: float) -> None:
+        self._ctx, self._arm = ctx, arm
+        self._name, self._status, self._timeout_s = name, status, timeout_s
+        self._solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.velocity_max)
+        self._begin = ctx.clock.now()
+
+    def run(
+        self,
+        take: Callable[[RgbdImage, Array], bool],
+        twist: Callable[[float, Array], Array],
+        describe: Callable[[], str],
+    ) -> Generator[Feedback, None, None]:
+        ctx, frames = self._ctx, self._ctx.world.frames
+        stamp = self._begin
+        while True:
+            now = ctx.clock.now()
+            image = self._new_image(stamp)
+            if image is not None:
+                stamp = image.stamp
+                if take(image, frames.lookup("base_link", CAMERA, stamp)):
+                    ctx.log.picture(self._name, image.bgr)
+                    return
+            if now - self._begin > self._timeout_s:
+                raise ActionFailed(Reason.NOT_CONVERGED, f"{describe()} after {self._timeout_s} s")
+            T_base_camera = frames.lookup("base_link", CAMERA)
+            T_base_hand = frames.lookup("base_link", "hand")
+            wish = shift_twist(twist(now, T_base_camera), T_base_camera[:3, 3], T_base_hand[:3, 3])
+            self._arm.send(self._solver.solve(ctx.world.joints(), wish).velocity)
+            yield Feedback(status=f"{self._status} ({describe()})")
+
+    def finish(self, error_px: float, iterations: int) -> ServoOutcome:
+        outcome = ServoOutcome(
+            error_px=error_px, iterations=iterations, duration_s=self._ctx.clock.now() - self._begin
+        )
+        self._ctx.log.event(
+            "servo", action=self._name, error_px=error_px, iterations=iterations, duration_s=outcome.duration_s
+        )
+        return outcome
+
+    def _new_image(self, stamp: float) -> RgbdImage | None:
+        try:
+            image = self._ctx.camera.latest(max_age_s=0.5)
+        except StaleData:
+            return None
+        return image if image.stamp > stamp else None
+
+
+def hand_shift(T_base_hand: Array, T_base_expected: Array) -> Array:
+    """(3,) m by which the hand ended beside where kinematics alone would have put it: what servoing corrected."""
+    return T_base_hand[:3, 3] - T_base_expected[:3, 3]
+
+
+def camera_mount(ctx: Context) -> Array:
+    """`T_hand_camera` of the wrist camera."""
+    return inverse(ctx.world.frames.lookup("base_link", "hand")) @ ctx.world.frames.lookup("base_link", CAMERA)
+
+
+def _record(
+    ctx: Context, name: str, stamp: float, error_px: float, seen: list[Array | None], desired: list[Array]
+) -> None:
+    corners = [corner for corners in seen if corners is not None for corner in corners.tolist()]
+    goals = [corner for corners in desired for corner in corners.tolist()]
+    ctx.log.event("servo_sample", action=name, t=stamp, error_px=error_px, corners=corners, desired=goals)

@@ -1,0 +1,1 @@
+"""The dispenser task's actions, one a file."""
