@@ -55,7 +55,12 @@ class Driver:
 def context() -> Context:
     unused: Any = None
     drivers: Any = Drivers(
-        base=Driver(), arm=Driver(), gripper=Driver(), camera=unused, imu=unused, gnss=unused  # type: ignore[arg-type]
+        base=Driver(),
+        arm=Driver(),
+        gripper=Driver(),
+        camera=unused,
+        imu=unused,
+        gnss=unused,  # type: ignore[arg-type]
     )
     return Context(
         clock=Clock(),
@@ -96,7 +101,7 @@ def root(body: str, main: str = "Main", more: str = "") -> str:
 
 @pytest.fixture
 def bench(tmp_path: Path) -> SimpleNamespace:
-    """Everything a tree needs to run: `context`, `scripted`, `root`, and `executor` and `trace` in a folder of their own."""
+    """Everything a tree needs to run, in a folder of its own."""
 
     def write(xml: str, name: str = "tree.xml") -> Path:
         (tmp_path / name).write_text(xml)

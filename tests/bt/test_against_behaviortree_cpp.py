@@ -143,7 +143,12 @@ def portless(path: Path) -> tuple[str, set[str]]:
     root = ElementTree.parse(path).getroot()
     for model in root.findall("TreeNodesModel"):
         root.remove(model)
-    known = {tag for tag, _ in [*CONTROLS, *DECORATORS]} | {"AlwaysSuccess", "AlwaysFailure", "SetBlackboard", "SubTree"}
+    known = {tag for tag, _ in [*CONTROLS, *DECORATORS]} | {
+        "AlwaysSuccess",
+        "AlwaysFailure",
+        "SetBlackboard",
+        "SubTree",
+    }
     known |= {"Timeout", "Delay", "BehaviorTree", "root", "include"}
     custom = set()
     for element in root.iter():

@@ -113,7 +113,11 @@ MISTAKES = {
     "explicit of the wrong kind": ('<Action ID="IsMany" number="3"/>', "'IsMany' is no Action", "Condition"),
     "missing port": ("<Paint/>", "3:1: Paint: port 'plant' is missing", "plant=... (str)"),
     "unknown port": ('<Paint plant="a"\n  colur="red"/>', "4:3: Paint: unknown port 'colur'", "did you mean 'colour'?"),
-    "no whole number": ('<Paint plant="a" coats="2.5"/>', "3:18: Paint: coats: '2.5' is no whole number", "allowed: int"),
+    "no whole number": (
+        '<Paint plant="a" coats="2.5"/>',
+        "3:18: Paint: coats: '2.5' is no whole number",
+        "allowed: int",
+    ),
     "no number": ('<Paint plant="a" speed="fast"/>', "speed: 'fast' is no finite number", "allowed: float"),
     "not finite": ('<Paint plant="a" speed="nan"/>', "speed: 'nan' is no finite number", ""),
     "too large a number": ('<Paint plant="a" speed="1e999"/>', "speed: '1e999' is no finite number", ""),
@@ -176,9 +180,15 @@ def test_every_mistake_is_reported_at_once_in_the_order_of_the_file(bench: Simpl
 
 ROOTS = {
     "no format": ('<root main_tree_to_execute="A">{}</root>', "1:1: root: BTCPP_format is missing"),
-    "old format": ('<root BTCPP_format="3" main_tree_to_execute="A">{}</root>', "1:7: root: format '3' is not supported"),
+    "old format": (
+        '<root BTCPP_format="3" main_tree_to_execute="A">{}</root>',
+        "1:7: root: format '3' is not supported",
+    ),
     "no main tree": ('<root BTCPP_format="4">{}</root>', "main_tree_to_execute is missing"),
-    "unknown main tree": ('<root BTCPP_format="4" main_tree_to_execute="B">{}</root>', "the main tree 'B' is not in the"),
+    "unknown main tree": (
+        '<root BTCPP_format="4" main_tree_to_execute="B">{}</root>',
+        "the main tree 'B' is not in the",
+    ),
     "other root": ('<tree BTCPP_format="4" main_tree_to_execute="A">{}</tree>', "the outermost element is wrong"),
     "other attribute": ('<root BTCPP_format="4" main_tree_to_execute="A" x="1">{}</root>', "unknown attribute 'x'"),
     "other child": ('<root BTCPP_format="4" main_tree_to_execute="A">{}<Tree/></root>', "not expected under <root>"),
@@ -243,7 +253,9 @@ def test_included_trees_are_found_and_their_mistakes_named_by_file(bench: Simple
 
 
 def test_files_that_include_each_other_are_read_once(bench: SimpleNamespace) -> None:
-    other = '<root BTCPP_format="4"><include path="tree.xml"/><BehaviorTree ID="B"><AlwaysSuccess/></BehaviorTree></root>'
+    other = (
+        '<root BTCPP_format="4"><include path="tree.xml"/><BehaviorTree ID="B"><AlwaysSuccess/></BehaviorTree></root>'
+    )
     bench.write(other, "other.xml")
     assert problems(bench, bench.root('<SubTree ID="B"/>', more='<include path="other.xml"/>')) == []
 
