@@ -54,7 +54,7 @@ def run_mission(
     """
     from grape.actions.robot import build_robot
     from grape.bt import TreeExecutor, load_tree
-    from grape.sim import Simulation, SimulationOptions
+    from grape.sim.simulation import Simulation, SimulationOptions
 
     tree = load_tree(mission.tree, nodes(mission.file.task))
     description = robot_description(mission.file.robot)

@@ -37,7 +37,7 @@ def _take(mission: Mission, out: Path) -> list[Path]:
     import cv2
     import numpy as np
 
-    from grape.sim import Simulation, SimulationOptions
+    from grape.sim.simulation import Simulation, SimulationOptions
     from grape.sim.render import View
 
     world = worlds()[mission.file.world.get("type", "vineyard")].grow(mission.site, mission.world)
