@@ -72,12 +72,14 @@ def _look(spec: mujoco.MjSpec, sun: Sun) -> None:
     visual.headlight.ambient = [0.0, 0.0, 0.0]
     visual.headlight.diffuse = [0.0, 0.0, 0.0]
     visual.headlight.specular = [0.0, 0.0, 0.0]
+    # The gradient runs from zenith to nadir: this end colour puts the horizon's own colour half way.
+    nadir = np.clip(2.0 * np.array(sun.sky_horizon) - np.array(sun.sky_top), 0.0, 1.0)
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
         rgb1=sun.sky_top,
-        rgb2=sun.sky_horizon,
+        rgb2=nadir,
         width=64,
         height=384,
     )

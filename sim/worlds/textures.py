@@ -9,7 +9,7 @@ from grape.sim.worlds.model import Terrain
 from grape.site import Site
 
 CELL_PX = 32  # a marker has 6 cells; the margin is 1.5 cells, so both are whole texels
-GROUND_PX = 1024
+GROUND_PX = 768
 SOIL = np.array([0.47, 0.37, 0.26])
 GRASS = np.array([0.34, 0.41, 0.19])
 
@@ -37,9 +37,9 @@ def ground_picture(site: Site, terrain: Terrain, rng: np.random.Generator) -> Ar
     for row in site.rows:
         for a, b in zip(row.line[:-1], row.line[1:], strict=True):
             distance = np.minimum(distance, _distance_to_segment(X, Y, a, b))
-    coarse = gaussian_filter(rng.standard_normal(X.shape), 12.0)
+    coarse = gaussian_filter(rng.standard_normal(X.shape, np.float32), 9.0)
     coarse /= coarse.std()
-    fine = gaussian_filter(rng.standard_normal(X.shape), 1.0)
+    fine = gaussian_filter(rng.standard_normal(X.shape, np.float32), 0.8)
     fine /= fine.std()
     green = np.clip((distance - 0.45) / 0.35 + 0.5 * coarse, 0.0, 0.9)[..., None]
     color = (1.0 - green) * SOIL + green * GRASS
