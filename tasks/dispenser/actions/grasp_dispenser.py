@@ -20,16 +20,17 @@ class GraspDispenserGoal:
     Attributes:
         level: of the dispenser, 0 is the lowest.
         drag_m: towards the feeder's open side, so that the loop's ends leave their channels.
-        lift_m: straight up afterwards.
-        open_s, drag_s, lift_s: durations.
+        clear_m: height of the nails over the topmost level to which the dispenser is lifted straight up.
+        lift_speed: m/s, mean.
+        open_s, drag_s: durations.
     """
 
     level: int
     drag_m: float = 0.024
-    lift_m: float = 0.12
-    open_s: float = 1.5
+    clear_m: float = 0.12
+    lift_speed: float = 0.08
+    open_s: float = 2.0
     drag_s: float = 1.0
-    lift_s: float = 1.5
 
 
 @action("GraspDispenser")
@@ -51,12 +52,13 @@ def grasp_dispenser(goal: GraspDispenserGoal, ctx: Context) -> Generator[Feedbac
             ctx, arm, nails_held, goal.open_s, status="opening the fingers in the loop", gripper=fingers,
             fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]),
         )  # fmt: skip
-        for name, step, duration in (
-            ("dragging", (-goal.drag_m, 0.0, 0.0), goal.drag_s),
-            ("lifting", (0.0, 0.0, goal.lift_m), goal.lift_s),
+        lift = (robot.description.feeder.levels - 1 - goal.level) * robot.description.feeder.pitch + goal.clear_m
+        T_dragged = pose(None, (-goal.drag_m, 0.0, 0.0)) @ nails_held(goal.open_s)
+        T_lifted = pose(None, (0.0, 0.0, lift)) @ T_dragged
+        for name, T_start, T_end, duration in (
+            ("dragging", nails_held(goal.open_s), T_dragged, goal.drag_s),
+            ("lifting", T_dragged, T_lifted, lift / goal.lift_speed),
         ):
-            T_start = nails_held(goal.open_s) if name == "dragging" else T_end
-            T_end = pose(None, step) @ T_start
             yield from follow_hand_path(
                 ctx, arm, straight(T_start, T_end, duration), duration, status=f"{name} the dispenser"
             )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -73,7 +75,7 @@ def walk(skeleton, degree, width, row, column, longest):  # type: ignore[no-unty
             values = np.empty(8)
             for k in range(8):
                 values[k] = width[path[k + 2, 0], path[k + 2, 1]]
-            limit = 2.2 * np.median(values) + 1
+            limit = 2.2 * middle(values, 8) + 1
         if n > 10 and width[row, column] > limit:
             break
     return path[:n]
@@ -82,29 +84,59 @@ def walk(skeleton, degree, width, row, column, longest):  # type: ignore[no-unty
 @njit(cache=True)
 def lateral_frame(direction, view):  # type: ignore[no-untyped-def]
     """Unit vectors across the axis: lateral (across the view) and depth (along the view)."""
-    depth = view - direction * np.dot(view, direction)
-    if np.linalg.norm(depth) < 0.05:
-        depth = np.cross(direction, np.array([1.0, 0.0, 0.0]))
-    depth /= np.linalg.norm(depth)
-    return np.cross(direction, depth), depth
+    along = dot(view, direction)
+    depth = view - along * direction
+    if dot(depth, depth) < 0.0025:  # looking along the axis: any direction across it will do
+        depth = np.array([0.0, direction[2], -direction[1]])
+    depth /= math.sqrt(dot(depth, depth))
+    lateral = np.empty(3)
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        lateral[k] = direction[i] * depth[j] - direction[j] * depth[i]
+    return lateral, depth
 
 
 @njit(cache=True)
-def bin_widths(lateral, bins):  # type: ignore[no-untyped-def]
-    """(BINS,) width of the points of each bin: 2.2 times the 85th percentile about their median, 0 below 4 points."""
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """Scalar product of two vectors (3,)."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@njit(cache=True)
+def middle(values, n):  # type: ignore[no-untyped-def]
+    """Upper median of the positive ones among the first n values; 0 when there are none."""
+    ordered = np.sort(values[:n])
+    first = 0
+    while first < n and ordered[first] <= 0:
+        first += 1
+    return ordered[(first + n) // 2] if first < n else 0.0
+
+
+@njit(cache=True)
+def bin_widths(lateral, bins, inside):  # type: ignore[no-untyped-def]
+    """(BINS,) width of the points `inside` of each bin: 2.2 times the 85th percentile about their median."""
     widths = np.zeros(BINS)
-    order = np.argsort(bins)
-    k = 0
-    while k < len(order):
-        b = bins[order[k]]
-        end = k
-        while end < len(order) and bins[order[end]] == b:
-            end += 1
-        if end - k >= 4:
-            values = lateral[order[k:end]].copy()
-            spread = np.sort(np.abs(values - np.median(values)))
-            widths[b] = 2.2 * spread[min(int(0.85 * len(spread)), len(spread) - 1)]
-        k = end
+    count = np.zeros(BINS, np.int64)
+    for i in range(len(bins)):
+        if inside[i]:
+            count[bins[i]] += 1
+    start = np.zeros(BINS + 1, np.int64)
+    for b in range(BINS):
+        start[b + 1] = start[b] + count[b]
+        count[b] = 0
+    grouped = np.empty(start[BINS])
+    for i in range(len(bins)):
+        if inside[i]:
+            grouped[start[bins[i]] + count[bins[i]]] = lateral[i]
+            count[bins[i]] += 1
+    for b in range(BINS):
+        n = count[b]
+        if n >= 4:
+            values = np.sort(grouped[start[b] : start[b + 1]])
+            centre = values[n // 2]
+            for i in range(n):
+                values[i] = abs(values[i] - centre)
+            widths[b] = 2.2 * np.sort(values)[min(int(0.85 * n), n - 1)]
     return widths
 
 
@@ -118,8 +150,7 @@ def extent(count, widths):  # type: ignore[no-untyped-def]
             start, reach = i, abs(i - centre)
     if start < 0:
         return -1, -1
-    near = count[start - 4 : start + 3]
-    floor = max(2.0, 0.2 * np.median(near[near > 0]))
+    floor = max(2.0, 0.2 * middle(count[start - 4 :], 7))
     top, missed = start, 0
     for i in range(start + 1, BINS - 1):
         if count[i] >= floor:
@@ -128,9 +159,9 @@ def extent(count, widths):  # type: ignore[no-untyped-def]
             missed += 1
             if missed >= 2:
                 break
-    upper = widths[max(top - 8, 0) : top + 1]
-    upper = upper[upper > 0]
-    stem = np.median(upper) if len(upper) else 0.01
+    stem = middle(widths[max(top - 8, 0) :], min(top, 8) + 1)
+    if stem == 0.0:
+        stem = 0.01
     bottom, missed, wide = start, 0, 0
     for i in range(start, 0, -1):
         if count[i] == 0:
@@ -150,6 +181,33 @@ def extent(count, widths):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def main_axis(points, member, guess):  # type: ignore[no-untyped-def]
+    """Mean and main axis (3,) of the member points, the axis by power iteration from a guess that points along it."""
+    mean, n = np.zeros(3), 0
+    for i in range(len(points)):
+        if member[i]:
+            n += 1
+            for k in range(3):
+                mean[k] += points[i, k]
+    mean /= n
+    spread = np.zeros((3, 3))
+    for i in range(len(points)):
+        if member[i]:
+            for k in range(3):
+                for m in range(3):
+                    spread[k, m] += (points[i, k] - mean[k]) * (points[i, m] - mean[m])
+    axis = guess.copy()
+    for _ in range(50):
+        turned = np.empty(3)
+        for k in range(3):
+            turned[k] = dot(spread[k], axis)
+        axis = turned / math.sqrt(max(dot(turned, turned), 1e-300))
+    if dot(axis, guess) < 0:
+        axis = -axis
+    return mean, axis
+
+
+@njit(cache=True)
 def grow(points, tip, direction, view, lateral_m, depth_m, wide_m, iterations):  # type: ignore[no-untyped-def]
     """Refits the axis of the stem at a tip guess.
 
@@ -162,36 +220,39 @@ def grow(points, tip, direction, view, lateral_m, depth_m, wide_m, iterations): 
     Returns:
         rows tip, base, direction (3, 3), members (n,) bool; no member where the fit failed.
     """
+    n = len(points)
     result = np.zeros((3, 3))
-    none = np.zeros(len(points), np.bool_)
+    member, box, none = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+    bins, lateral = np.zeros(n, np.int64), np.zeros(n)
     centre = tip - 0.03 * direction
     for _ in range(iterations):
         lateral_axis, depth_axis = lateral_frame(direction, view)
-        away = points - centre
-        along, lateral, depth = away @ direction, away @ lateral_axis, away @ depth_axis
-        bins = np.floor((along + BACK_M) / BIN_M).astype(np.int64)
-        ranged = (bins >= 0) & (bins < BINS)
-        stem = ranged & (np.abs(lateral) < lateral_m) & (np.abs(depth) < depth_m)
         count = np.zeros(BINS)
-        for b in bins[stem]:
-            count[b] += 1
-        box = ranged & (np.abs(lateral) < wide_m) & (np.abs(depth) < 1.5 * depth_m)
-        bottom, top = extent(count, bin_widths(lateral[box], bins[box]))
-        if top < 0:
+        for i in range(n):
+            away = points[i] - centre
+            bins[i] = math.floor((dot(away, direction) + BACK_M) / BIN_M)
+            lateral[i], depth = dot(away, lateral_axis), abs(dot(away, depth_axis))
+            ranged = bins[i] >= 0 and bins[i] < BINS
+            member[i] = ranged and abs(lateral[i]) < lateral_m and depth < depth_m
+            box[i] = ranged and abs(lateral[i]) < wide_m and depth < 1.5 * depth_m
+            if member[i]:
+                count[bins[i]] += 1
+        bottom, top = extent(count, bin_widths(lateral, bins, box))
+        total = 0
+        for i in range(n):
+            member[i] = member[i] and bins[i] >= bottom and bins[i] <= top
+            total += member[i]
+        if top < 0 or total < 10:
             return result, none
-        member = stem & (bins >= bottom) & (bins <= top)
-        if member.sum() < 10:
-            return result, none
-        chosen = points[member]
-        mean = np.array([chosen[:, 0].mean(), chosen[:, 1].mean(), chosen[:, 2].mean()])
-        offset = chosen - mean
-        _, vectors = np.linalg.eigh(offset.T @ offset)
-        axis = np.ascontiguousarray(vectors[:, 2])
-        if np.dot(axis, direction) < 0:
-            axis = -axis
-        position = offset @ axis
-        result[0] = mean + axis * np.percentile(position, 99.5)
-        result[1] = mean + axis * np.percentile(position, 0.5)
+        mean, axis = main_axis(points, member, direction)
+        position, k = np.empty(total), 0
+        for i in range(n):
+            if member[i]:
+                position[k] = dot(points[i] - mean, axis)
+                k += 1
+        position.sort()
+        result[0] = mean + axis * position[min(int(0.995 * total), total - 1)]
+        result[1] = mean + axis * position[int(0.005 * total)]
         result[2] = axis
         direction, centre = axis, result[0] - 0.03 * axis
     return result, member
