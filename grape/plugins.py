@@ -1,0 +1,124 @@
+"""What can be plugged in: tasks, robots and worlds, the built-in ones and those of installed packages.
+
+A package adds its own through entry points, without grape knowing it:
+
+    [project.entry-points."grape.tasks"]
+    pruning = "vine_pruning:TASK"
+
+Finding names imports nothing; `load` imports the one plugin that is asked for.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from grape.errors import GrapeError, did_you_mean
+
+TASKS, ROBOTS, WORLDS = "grape.tasks", "grape.robots", "grape.worlds"
+
+BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
+    {
+        TASKS: {"dispenser": "grape.tasks.dispenser:TASK"},
+        ROBOTS: {"husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION"},
+        WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
+    }
+)
+
+
+class PluginError(GrapeError):
+    """A plugin is unknown, named twice, or cannot be imported."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """What a task brings along.
+
+    Attributes:
+        actions: its `Action`s, those of grape's own that its trees use included.
+        conditions: its `Condition`s, likewise.
+        trees: tree files by name.
+        missions: mission files by name.
+    """
+
+    name: str
+    summary: str
+    actions: tuple[Any, ...] = ()
+    conditions: tuple[Any, ...] = ()
+    trees: Mapping[str, Path] = field(default_factory=dict)
+    missions: Mapping[str, Path] = field(default_factory=dict)
+
+    @property
+    def leaves(self) -> tuple[Any, ...]:
+        """Every node that its trees may use."""
+        return (*self.actions, *self.conditions)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plugin:
+    """Something that can be plugged in, not imported yet.
+
+    Attributes:
+        target: where it is, `package.module:attribute`.
+        origin: `grape`, or the distribution that brings it.
+    """
+
+    group: str
+    name: str
+    target: str
+    origin: str = "grape"
+
+    def load(self) -> Any:
+        """Import it.
+
+        Raises:
+            PluginError: its module cannot be imported or lacks the attribute.
+        """
+        module, _, attribute = self.target.partition(":")
+        try:
+            value: Any = importlib.import_module(module)
+            for part in attribute.split(".") if attribute else ():
+                value = getattr(value, part)
+        except Exception as error:
+            raise PluginError(
+                f"{self.group} plugin {self.name!r} of {self.origin} ({self.target}) cannot be loaded:"
+                f" {type(error).__name__}: {error}"
+            ) from error
+        return value
+
+
+def find(group: str) -> Mapping[str, Plugin]:
+    """Every plugin of a group (`TASKS`, `ROBOTS`, `WORLDS`) by name; imports none.
+
+    Raises:
+        PluginError: no such group, or two plugins have one name.
+    """
+    if group not in BUILT_IN:
+        raise PluginError(f"no plugin group {group!r}; there are {', '.join(BUILT_IN)}")
+    found = {name: Plugin(group=group, name=name, target=target) for name, target in BUILT_IN[group].items()}
+    for entry in entry_points(group=group):
+        origin = entry.dist.name if entry.dist is not None else "an unknown package"
+        plugin = Plugin(group=group, name=entry.name, target=entry.value, origin=origin)
+        known = found.setdefault(entry.name, plugin)
+        if known.target != plugin.target:
+            raise PluginError(f"{group}: {entry.name!r} is brought by {known.origin} and by {origin}; remove one")
+    return MappingProxyType(found)
+
+
+def load(group: str, name: str) -> Any:
+    """Import one plugin.
+
+    Raises:
+        PluginError: it is unknown or cannot be imported.
+    """
+    found = find(group)
+    if name not in found:
+        hint = did_you_mean(name, found)
+        allowed = ", ".join(sorted(found)) or "none"
+        raise PluginError(f"{group}: {name!r} is not installed; there are {allowed}" + (f"; {hint}" if hint else ""))
+    return found[name].load()
