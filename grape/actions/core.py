@@ -253,7 +253,7 @@ def action(name: str) -> Callable[[Callable[[G, Context], Generator[Feedback, No
         hints = typing.get_type_hints(function)
         goal_type = hints[next(iter(inspect.signature(function).parameters))]
         result_type = typing.get_args(hints["return"])[2]
-        result_type = NoResult if result_type is type(None) else result_type
+        result_type = NoResult if result_type in (None, type(None)) else result_type
         for role, kind in (("goal", goal_type), ("result", result_type)):
             if not is_dataclass(kind):
                 raise InvalidInput(f"action {name}: its {role} type must be a dataclass, got {kind}")

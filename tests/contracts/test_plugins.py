@@ -1,0 +1,81 @@
+"""Built-in plugins, those of other packages, and what is said when one is broken."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from grape import plugins
+from grape.plugins import ROBOTS, TASKS, WORLDS, Plugin, PluginError, Task, find, load
+
+
+def brought(monkeypatch: pytest.MonkeyPatch, name: str, target: str) -> None:
+    """Pretend that a package `vine-tools` is installed with one task."""
+    entry = EntryPoint(name=name, value=target, group=TASKS)
+    vars(entry).update(dist=SimpleNamespace(name="vine-tools"))
+
+    def entry_points(group: str) -> list[Any]:
+        return [entry] if group == TASKS else []
+
+    monkeypatch.setattr(plugins, "entry_points", entry_points)
+
+
+def test_built_in_plugins_are_found() -> None:
+    assert {"dispenser"} <= set(find(TASKS)) and {"husky_jaco2"} <= set(find(ROBOTS)) and "vineyard" in find(WORLDS)
+
+
+def test_a_built_in_robot_loads() -> None:
+    assert load(ROBOTS, "husky_jaco2").name == "husky_jaco2"
+
+
+def test_finding_names_imports_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    code = "import sys; from grape.plugins import *; find(TASKS); print('grape.tasks' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code.replace("*", "find, TASKS")], capture_output=True, text=True)
+    assert done.stdout.strip() == "False", done.stderr
+
+
+def test_a_task_of_another_package_is_found_and_loaded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "vine_pruning.py").write_text(
+        "from grape.plugins import Task\nTASK = Task(name='pruning', summary='', actions=(1,), conditions=(2,))\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    brought(monkeypatch, "pruning", "vine_pruning:TASK")
+    assert find(TASKS)["pruning"].origin == "vine-tools"
+    task = load(TASKS, "pruning")
+    assert isinstance(task, Task) and task.leaves == (1, 2)
+
+
+def test_a_plugin_that_cannot_be_imported_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "broken_vines.py").write_text("import no_such_module\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    brought(monkeypatch, "pruning", "broken_vines:TASK")
+    with pytest.raises(PluginError, match=r"'pruning' of vine-tools \(broken_vines:TASK\).*no_such_module"):
+        load(TASKS, "pruning")
+    assert "dispenser" in find(TASKS)
+
+
+def test_a_plugin_without_its_attribute_is_named() -> None:
+    with pytest.raises(PluginError, match=r"'errors' of grape .*no attribute 'NOTHING'"):
+        Plugin(group=TASKS, name="errors", target="grape.errors:NOTHING").load()
+
+
+def test_two_plugins_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    brought(monkeypatch, "dispenser", "vine_pruning:TASK")
+    with pytest.raises(PluginError, match="'dispenser' is brought by grape and by vine-tools"):
+        find(TASKS)
+
+
+def test_an_unknown_name_gets_a_suggestion() -> None:
+    with pytest.raises(PluginError, match=r"'husky_jaco' is not installed.*did you mean 'husky_jaco2'"):
+        load(ROBOTS, "husky_jaco")
+
+
+def test_an_unknown_group_is_refused() -> None:
+    with pytest.raises(PluginError, match=r"no plugin group 'grape\.arms'"):
+        find("grape.arms")
