@@ -48,6 +48,8 @@ class MarkerServoOptions:
         stop_px, stop_frames: corner error below which, for so many frames at stand-off 0, it has converged
             (0.5 px with two markers on the nail).
         gain_at_zero, gain_at_infinity, gain_slope: adaptive gain, 1/s.
+        smoothing: share of a new frame in the corners that the motion follows; kinematics carry them on in between, so
+            this costs no lag. The error and the stages use the raw frames.
         switch_rate: 1/s at which the jump of a change of markers fades.
         fade_from_s, fade_to_s: age of the last seen marker between which the motion fades to zero.
         lost_s: age at which the run is given up.
@@ -63,6 +65,7 @@ class MarkerServoOptions:
     gain_at_zero: float = 1.6
     gain_at_infinity: float = 0.8
     gain_slope: float = 20.0
+    smoothing: float = 0.4
     switch_rate: float = 6.0
     fade_from_s: float = 0.2
     fade_to_s: float = 0.3
@@ -156,12 +159,16 @@ class MarkerServo:
         self._last_seen = stamp
         visible = tuple(sorted(seen))
         self._markers_changed |= visible != tuple(sorted(self._corners))
-        self._corners, errors = {}, []
+        before, errors = self._corners, []
+        self._corners = {}
         standoff = self._standoff_at(stamp)
         for i in visible:
             xy = normalise(seen[i].reshape(4, 2), self._K)
             rays = np.column_stack([xy, np.ones(4)])
-            self._corners[i] = transform(T_base_camera, square_depths(xy, self._side)[:, None] * rays)
+            corners = transform(T_base_camera, square_depths(xy, self._side)[:, None] * rays)
+            if i in before:
+                corners = before[i] + self.options.smoothing * (corners - before[i])
+            self._corners[i] = corners
             errors.append(xy - project(transform(self._targets[i](standoff), self._square)))
         error_px = float(np.sqrt((np.concatenate(errors) ** 2).sum(axis=1).mean()) * self._K[0, 0])
         self.state = replace(self.state, error_px=error_px, visible=visible, frames=self.state.frames + 1)
