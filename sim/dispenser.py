@@ -2,8 +2,8 @@
 
 The loop lies in the x-y plane of its body frame, centred at rest: long axis y, opening axis x. It is a chain of
 capsules with bending springs: tab A carries the free joint, two arms of capsules leave it, tab B hangs on one arm and a
-`connect` that is always on closes the other. Names of dispenser i: body and free joint `dispenser_{i}`, arm bodies
-`dispenser_{i}_p0` … (+x side) and `dispenser_{i}_m0` … (-x side), tab B `dispenser_{i}_end`.
+`connect` that is always on closes the other. Names of `dispenser_0`: body and free joint `dispenser_0`, arm bodies
+`dispenser_0_p0` … (+x side) and `dispenser_0_m0` … (-x side), tab B `dispenser_0_end`.
 
 Source: contact recipe of the feasibility study (shape, stiffness and contact parameters), facts sheet section 5.
 """
@@ -35,6 +35,7 @@ class DispenserOptions:
     tab_half_width: float = 0.0025  # m
     radius: float = 0.0015  # m of a tube
     segments: int = 8  # capsules an arm
+    out_of_plane_every: int = 2  # nodes between hinges that bend out of the plane: the stiff direction needs fewer
     mass: float = 0.003  # kg
     bending_stiffness: float = 4e-4  # N m^2, EI of a tube
     damping_time: float = 0.006  # s, damping over stiffness
@@ -44,27 +45,24 @@ class DispenserOptions:
     wing_color: str = "0.85 0.05 0.05 1"
 
     def __post_init__(self) -> None:
-        if self.segments < 2 or min(self.length, self.radius, self.mass, self.bending_stiffness) <= 0:
+        if (
+            min(self.segments, 2 * self.out_of_plane_every) < 2
+            or min(self.length, self.radius, self.mass, self.bending_stiffness) <= 0
+        ):
             raise InvalidInput(f"a dispenser needs positive sizes and at least 2 segments, got {self}")
 
 
-def dispenser_name(index: int) -> str:
-    """Name of the body and of the free joint of dispenser `index`."""
-    return f"dispenser_{index}"
-
-
 def dispenser_elements(
-    index: int, T_world_loop: Array, options: DispenserOptions | None = None
+    name: str, T_world_loop: Array, options: DispenserOptions | None = None
 ) -> tuple[_Element, _Element]:
     """The `<body>` of a dispenser, for the worldbody, and the `<connect>` that closes its loop, for `<equality>`.
 
     Args:
-        index: number in the name.
+        name: name of the dispenser, `dispenser_0` for example; every element in it starts with it.
         T_world_loop: pose (4, 4) of the loop's centre.
         options: size and material.
     """
     o = options or DispenserOptions()
-    name = dispenser_name(index)
     root = ElementTree.Element("body", name=name, pos=_text(T_world_loop[:3, 3]), quat=_quaternion(T_world_loop))
     ElementTree.SubElement(root, "freejoint", name=name)
     _tab(root, o, y=-o.length / 2, direction=-1)
@@ -77,22 +75,28 @@ def dispenser_elements(
     return root, connect
 
 
-def dispensers_mjcf(poses: Iterable[Array], options: DispenserOptions | None = None) -> str:
-    """An MJCF with one dispenser at each world pose (4, 4), to load alone or to merge into a scene."""
-    root = ElementTree.Element("mujoco", model="dispensers")
+def dispenser_mjcf(name: str, T_world_loop: Array, options: DispenserOptions | None = None) -> str:
+    """An MJCF that holds one dispenser and nothing else."""
+    root = ElementTree.Element("mujoco", model=name)
     ElementTree.SubElement(root, "compiler", angle="radian", autolimits="true")
-    worldbody = ElementTree.SubElement(root, "worldbody")
-    equality = ElementTree.SubElement(root, "equality")
-    for index, T_world_loop in enumerate(poses):
-        body, connect = dispenser_elements(index, T_world_loop, options)
-        worldbody.append(body)
-        equality.append(connect)
+    body, connect = dispenser_elements(name, T_world_loop, options)
+    ElementTree.SubElement(root, "worldbody").append(body)
+    ElementTree.SubElement(root, "equality").append(connect)
     return ElementTree.tostring(root, encoding="unicode")
 
 
-def place_dispenser(model: mujoco.MjModel, data: mujoco.MjData, index: int, T_world_loop: Array) -> None:
+def add_dispenser(
+    spec: mujoco.MjSpec, name: str, T_world_loop: Array | None = None, options: DispenserOptions | None = None
+) -> None:
+    """Add a dispenser to a scene, at the world's origin unless a pose (4, 4) of its centre is given."""
+    pose = np.eye(4) if T_world_loop is None else T_world_loop
+    part = mujoco.MjSpec.from_string(dispenser_mjcf(name, pose, options))
+    spec.attach(part, prefix="", frame=spec.worldbody.add_frame())
+
+
+def place_dispenser(model: mujoco.MjModel, data: mujoco.MjData, name: str, T_world_loop: Array) -> None:
     """Set-up only: put a dispenser at a pose (4, 4), relaxed and at rest."""
-    root = model.body(dispenser_name(index)).id
+    root = model.body(name).id
     bodies = np.flatnonzero(model.body_rootid == root)
     for joint in np.flatnonzero(np.isin(model.jnt_bodyid, bodies)):
         address, dof = int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint])
@@ -115,9 +119,8 @@ class LoopReader:
     subtree: frozenset[int]  # every body of the dispenser, to tell its contacts
 
     @classmethod
-    def of(cls, model: mujoco.MjModel, index: int) -> LoopReader:
-        """The reader of dispenser `index`."""
-        name = dispenser_name(index)
+    def of(cls, model: mujoco.MjModel, name: str) -> LoopReader:
+        """The reader of the dispenser `name`."""
         root = model.body(name).id
         subtree = np.flatnonzero(model.body_rootid == root)
         names = {model.body(int(body)).name: int(body) for body in subtree}
@@ -162,7 +165,7 @@ def _mass_per_metre(o: DispenserOptions) -> float:
     return o.mass / (2.0 * float(tube) + 2.0 * o.tab)
 
 
-def _capsule(parent: _Element, o: DispenserOptions, start: Array, end: Array, mass: float) -> None:
+def _capsule(parent: _Element, o: DispenserOptions, start: Array, end: Array, mass: float, contype: int = 4) -> None:
     ElementTree.SubElement(
         parent,
         "geom",
@@ -172,7 +175,7 @@ def _capsule(parent: _Element, o: DispenserOptions, start: Array, end: Array, ma
         mass=f"{mass:.4g}",
         rgba=o.tube_color,
         group="2",
-        contype="4",
+        contype=str(contype),
         conaffinity="0",
         priority="1",
         condim="4",
@@ -182,16 +185,11 @@ def _capsule(parent: _Element, o: DispenserOptions, start: Array, end: Array, ma
     )
 
 
-def _hinges(parent: _Element, stiffness: float, o: DispenserOptions) -> None:
-    for axis in ("0 0 1", "1 0 0"):
-        ElementTree.SubElement(
-            parent,
-            "joint",
-            type="hinge",
-            axis=axis,
-            stiffness=f"{stiffness:.6g}",
-            damping=f"{stiffness * o.damping_time:.4g}",
-        )
+def _hinge(parent: _Element, axis: str, stiffness: float, o: DispenserOptions) -> None:
+    damping = stiffness * o.damping_time
+    ElementTree.SubElement(
+        parent, "joint", type="hinge", axis=axis, stiffness=f"{stiffness:.6g}", damping=f"{damping:.4g}"
+    )
 
 
 def _tab(parent: _Element, o: DispenserOptions, y: float, direction: int) -> None:
@@ -200,7 +198,7 @@ def _tab(parent: _Element, o: DispenserOptions, y: float, direction: int) -> Non
     for side in (-1, 1):
         start, end = y + direction * o.radius, y + direction * (o.tab - o.radius)
         mass = _mass_per_metre(o) * o.tab / 2
-        _capsule(parent, o, np.array([side * x, start, 0.0]), np.array([side * x, end, 0.0]), mass)
+        _capsule(parent, o, np.array([side * x, start, 0.0]), np.array([side * x, end, 0.0]), mass, contype=20)
 
 
 def _arm(root: _Element, o: DispenserOptions, name: str, side: int) -> _Element:
@@ -220,7 +218,10 @@ def _arm(root: _Element, o: DispenserOptions, name: str, side: int) -> _Element:
             quat=_turn(angles[k] - turned),
         )
         # A node's spring spans half of each neighbour; the first node has no neighbour before it.
-        _hinges(body, o.bending_stiffness / (lengths[k] if k else lengths[k] / 2), o)
+        stiffness = o.bending_stiffness / (lengths[k] if k else lengths[k] / 2)
+        _hinge(body, "0 0 1", stiffness, o)
+        if k % o.out_of_plane_every == o.out_of_plane_every - 1:
+            _hinge(body, "1 0 0", stiffness / o.out_of_plane_every, o)
         _capsule(body, o, np.zeros(3), np.array([0.0, lengths[k], 0.0]), _mass_per_metre(o) * lengths[k])
         if k == o.segments // 2:
             _wing(body, o, side)
@@ -244,12 +245,13 @@ def _tab_end(last: _Element, o: DispenserOptions, name: str) -> None:
         pos=_text((0.0, length, 0.0)),
         quat=_turn(-float(np.arctan2(-step[0], step[1]))),
     )
-    _hinges(body, 2 * o.bending_stiffness / length, o)
+    _hinge(body, "0 0 1", 2 * o.bending_stiffness / length, o)
     shift = np.array([-line[-1, 0], 0.0, 0.0])
     x = o.tab_half_width - o.radius / 2
     for side in (-1, 1):
         start = shift + np.array([side * x, o.radius, 0.0])
-        _capsule(body, o, start, start + np.array([0.0, o.tab - 2 * o.radius, 0.0]), _mass_per_metre(o) * o.tab / 2)
+        end = start + np.array([0.0, o.tab - 2 * o.radius, 0.0])
+        _capsule(body, o, start, end, _mass_per_metre(o) * o.tab / 2, contype=20)
     ElementTree.SubElement(body, "site", name=f"{name}_end", pos=_text(2 * shift), size="0.0005", group="4")
 
 
