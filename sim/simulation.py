@@ -11,14 +11,14 @@ from grape.drivers import Drivers
 from grape.geometry import pose, rotation_to_quaternion, rotation_z
 from grape.messages import Array
 from grape.robots import RobotDescription
-from grape.sim.compose import BASE_JOINT, DISPENSER, compose
+from grape.sim.compose import BASE_JOINT, DISPENSER, compose, compose_seen
 from grape.sim.drivers import SensorOptions, connect
 from grape.sim.faults import Fault, apply_fault
 from grape.sim.physics import Physics, SimulatedClock
 from grape.sim.raycast import Raycaster
 from grape.sim.referee import Referee
 from grape.sim.render import Renderer, View
-from grape.sim.worlds.model import World
+from grape.sim.worlds import World
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +52,13 @@ class Simulation:
         self._physics = Physics(compose(world, robot, self.options.dispensers))
         self._place()
         self._drivers = connect(
-            self._physics, robot, world.site.datum, Raycaster(world).cast, seed, self.options.sensors
+            self._physics,
+            robot,
+            world.site.datum,
+            Raycaster(world).cast,
+            lambda: compose_seen(world, robot, self.options.dispensers),
+            seed,
+            self.options.sensors,
         )
         self._settle()
         self._drivers.sample(0)

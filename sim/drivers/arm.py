@@ -45,8 +45,8 @@ class SimulatedArm(SampledSensor[JointState]):
         self._qpos = physics.joint_qpos(limits.joints)
         self._qvel = physics.joint_qvel(limits.joints)
         self._actuators = physics.actuators(limits.joints)
-        self._stiffness = physics.model.actuator_gainprm[self._actuators, 0]
-        self._damping = -physics.model.actuator_biasprm[self._actuators, 2]
+        gain, bias = physics.model.actuator_gainprm, physics.model.actuator_biasprm
+        self._lag_s = -bias[self._actuators, 2] / gain[self._actuators, 0]
         self._timeout_steps = round(options.timeout_s * STEPS_PER_SECOND)
         self._target = np.zeros(len(limits.joints))
         self._velocity = np.zeros(len(limits.joints))
@@ -80,8 +80,8 @@ class SimulatedArm(SampledSensor[JointState]):
         measured = self._physics.data.qpos[self._qpos]
         if self._target.any() or self._velocity.any():
             self._move(measured)
-        ahead = self._damping * self._velocity + self._physics.data.qfrc_bias[self._qvel]
-        self._physics.data.ctrl[self._actuators] = self._reference + ahead / self._stiffness
+        # A position servo with damping trails a moving reference by damping / stiffness x speed: ask for that much more.
+        self._physics.data.ctrl[self._actuators] = self._reference + self._lag_s * self._velocity
 
     def _move(self, measured: Array) -> None:
         limits = self._limits

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+
+import mujoco
 
 from grape.drivers import Drivers
 from grape.geodesy import Datum
@@ -48,6 +51,7 @@ class SimulatedDrivers:
         robot: RobotDescription,
         datum: Datum,
         cast: Cast,
+        seen: Callable[[], mujoco.MjModel],
         seed: int,
         options: SensorOptions,
     ) -> None:
@@ -57,7 +61,7 @@ class SimulatedDrivers:
         self.gripper = SimulatedGripper(
             physics, seed, GripperOptions(joints=robot.gripper.joints, rate=robot.gripper.velocity_max)
         )
-        self.camera = SimulatedCamera(physics, replica, seed, options.camera)
+        self.camera = SimulatedCamera(physics, seen, seed, options.camera)
         self.imu = SimulatedImu(physics, seed, options.imu)
         self.gnss = SimulatedGnss(physics, datum, seed, options.gnss)
         scans = {
@@ -108,6 +112,7 @@ def connect(
     robot: RobotDescription,
     datum: Datum,
     cast: Cast,
+    seen: Callable[[], mujoco.MjModel],
     seed: int,
     options: SensorOptions | None = None,
 ) -> SimulatedDrivers:
@@ -116,9 +121,10 @@ def connect(
     Args:
         datum: of the map frame, for GNSS.
         cast: distances (n,) m along rays from origins (n, 3) in unit directions (n, 3), map frame, +inf for no hit.
+        seen: makes the model that the camera renders.
         seed: of every sensor's noise.
     """
-    return SimulatedDrivers(physics, robot, datum, cast, seed, options or SensorOptions())
+    return SimulatedDrivers(physics, robot, datum, cast, seen, seed, options or SensorOptions())
 
 
 def _base_options(robot: RobotDescription) -> BaseOptions:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+import mujoco
 import numpy as np
 
 from grape.messages import Array, CameraInfo, RgbdImage
@@ -28,13 +30,20 @@ class CameraOptions:
 
 
 class SimulatedCamera(SampledSensor[RgbdImage]):
-    """An RGB-D camera whose depth is registered to its colour picture."""
+    """An RGB-D camera whose depth is registered to its colour picture.
 
-    def __init__(self, physics: Physics, replica: Replica, seed: int, options: CameraOptions) -> None:
+    Args:
+        seen: makes the model that is rendered, of which any state of `physics` is a state, when it is first needed.
+    """
+
+    def __init__(
+        self, physics: Physics, seen: Callable[[], mujoco.MjModel], seed: int, options: CameraOptions
+    ) -> None:
         super().__init__(physics, "camera", options.period_s, options.latency_s)
         self.errors = options.errors
         self._options = options
-        self._replica = replica
+        self._seen = seen
+        self._replica: Replica | None = None
         self._noise = FrameNoise(seed, "camera")
         self._renderer: Renderer | None = None
         self._banks: tuple[NoiseBank, NoiseBank] | None = None
@@ -67,8 +76,9 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
     def _measure(self, index: int, stamp: float, snapshot: tuple[Array, RgbdModel]) -> RgbdImage:
         qpos, errors = snapshot
         options = self._options
-        if self._renderer is None:
-            self._renderer = Renderer(self._physics.model, options.width, options.height)
+        if self._renderer is None or self._replica is None:
+            self._replica = Replica(self._seen())
+            self._renderer = Renderer(self._replica.model, options.width, options.height)
         if self._banks is None:
             rng = self._noise.constant()
             gray = NoiseBank(rng, options.height, options.width, 3).scaled(errors.noise)
