@@ -3,9 +3,11 @@ import json
 import numpy as np
 import pytest
 
+from grape.config import parse_yaml
 from grape.errors import FileError, InvalidInput
 from grape.geodesy import Datum, geodetic_from_enu
 from grape.site import Area, Plant, Row, Site, load_site, save_site
+from grape.site_check import _places
 
 DATUM = Datum(latitude_deg=42.3415, longitude_deg=3.0632, altitude_m=60.0)
 
@@ -228,6 +230,11 @@ def test_the_place_is_that_of_the_wrong_value(document, problems_of):
     feature(document, "r0v0")["properties"]["row"] = "r9"
     (problem,) = problems_of(document)
     assert json.dumps(document, indent=1).splitlines()[problem.line - 1][problem.column - 1 :].startswith('"row": "r9"')
+
+
+def test_places_are_those_of_the_yaml_parser():
+    text = '{"a": [1, {"b,": "x:}", "c": []}, [[2], {}]],\n "d": {"e": null}, "f": "\\u00e9\\\\"}\n'
+    assert _places(text) == dict(parse_yaml(text, "x").places)
 
 
 def test_a_marker_belongs_to_one_nail(document, problems_of):

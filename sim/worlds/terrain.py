@@ -52,7 +52,7 @@ def make_terrain(site: Site, options: VineyardOptions, rng: np.random.Generator)
 # azimuth and elevation (deg), diffuse and ambient colour, sky at the zenith and at the horizon
 _SUNS: dict[str, tuple[float, float, tuple, tuple, tuple, tuple]] = {
     "noon": (170.0, 62.0, (0.75, 0.74, 0.70), (0.28, 0.29, 0.32), (0.36, 0.56, 0.82), (0.80, 0.87, 0.93)),
-    "low": (255.0, 15.0, (0.95, 0.62, 0.32), (0.20, 0.19, 0.24), (0.33, 0.42, 0.62), (0.97, 0.78, 0.55)),
+    "low": (255.0, 15.0, (0.95, 0.62, 0.32), (0.20, 0.19, 0.24), (0.40, 0.43, 0.55), (0.70, 0.58, 0.48)),
     "overcast": (170.0, 80.0, (0.30, 0.30, 0.31), (0.50, 0.50, 0.52), (0.66, 0.68, 0.71), (0.82, 0.83, 0.84)),
 }
 
