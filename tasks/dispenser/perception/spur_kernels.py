@@ -223,13 +223,14 @@ def grow(points, tip, direction, view, lateral_m, depth_m, wide_m, iterations): 
     n = len(points)
     result = np.zeros((3, 3))
     member, box, none = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    bins, lateral = np.zeros(n, np.int64), np.zeros(n)
+    bins, lateral, away = np.zeros(n, np.int64), np.zeros(n), np.zeros(3)
     centre = tip - 0.03 * direction
     for _ in range(iterations):
         lateral_axis, depth_axis = lateral_frame(direction, view)
         count = np.zeros(BINS)
         for i in range(n):
-            away = points[i] - centre
+            for k in range(3):
+                away[k] = points[i, k] - centre[k]
             bins[i] = math.floor((dot(away, direction) + BACK_M) / BIN_M)
             lateral[i], depth = dot(away, lateral_axis), abs(dot(away, depth_axis))
             ranged = bins[i] >= 0 and bins[i] < BINS
@@ -245,11 +246,11 @@ def grow(points, tip, direction, view, lateral_m, depth_m, wide_m, iterations): 
         if top < 0 or total < 10:
             return result, none
         mean, axis = main_axis(points, member, direction)
-        position, k = np.empty(total), 0
+        position, filled, origin = np.empty(total), 0, dot(mean, axis)
         for i in range(n):
             if member[i]:
-                position[k] = dot(points[i] - mean, axis)
-                k += 1
+                position[filled] = dot(points[i], axis) - origin
+                filled += 1
         position.sort()
         result[0] = mean + axis * position[min(int(0.995 * total), total - 1)]
         result[1] = mean + axis * position[int(0.005 * total)]
