@@ -23,6 +23,8 @@ MAX_BYTES = 256 * 1024
 MAX_DEPTH = 16
 OVERRIDE = "--set"
 
+_PLAIN_TAGS = ("null", "bool", "int", "float", "str", "timestamp", "merge", "value")
+
 Key = tuple[str | int, ...]
 Place = tuple[int, int]
 
@@ -175,8 +177,8 @@ class _Builder:
         return data
 
     def _scalar(self, node: ScalarNode, key: Key) -> Any:
-        kind = str(node.tag).rpartition(":")[2]
-        if not str(node.tag).startswith("tag:yaml.org,2002:") or kind in ("binary", "python", "merge", "value"):
+        kind = str(node.tag).removeprefix("tag:yaml.org,2002:")
+        if kind not in _PLAIN_TAGS:
             self._refuse(node, key, f"tag {node.tag}", "plain values")
             return None
         if kind not in ("null", "bool", "int", "float"):

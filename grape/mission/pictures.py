@@ -37,8 +37,8 @@ def _take(mission: Mission, out: Path) -> list[Path]:
     import cv2
     import numpy as np
 
-    from grape.sim.simulation import Simulation, SimulationOptions
     from grape.sim.render import View
+    from grape.sim.simulation import Simulation, SimulationOptions
 
     world = worlds()[mission.file.world.get("type", "vineyard")].grow(mission.site, mission.world)
     options = SimulationOptions(dispensers=mission.file.dispensers)

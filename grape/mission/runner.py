@@ -56,6 +56,11 @@ class Tree(Protocol):
 
     def halt(self) -> None: ...
 
+    @property
+    def last_failure(self) -> Any:
+        """The newest action that failed, with path, reason and detail; None when there is none."""
+        ...
+
 
 @dataclass(kw_only=True)
 class Finding:
@@ -63,7 +68,7 @@ class Finding:
 
     Attributes:
         ended_by: tree, time_limit, aborted or crash.
-        detail: one sentence for a crash.
+        detail: what broke, or which action made the tree fail.
     """
 
     ended_by: str = "tree"
@@ -130,7 +135,10 @@ class Runner:
         tree: Tree | None = None
         try:
             tree = self._make_tree(self.context)
-            finding.ended_by = self._beat(tree, finding.track, wall)
+            finding.ended_by, status = self._beat(tree, finding.track, wall)
+            if status is Status.ABORTED and tree.last_failure is not None:
+                failure = tree.last_failure
+                finding.detail = f"{failure.path}: {failure.reason}: {failure.detail}"
         except KeyboardInterrupt:
             finding.ended_by = "aborted"
         except Exception as error:  # whatever broke, the robot stops and the folder is completed
@@ -147,7 +155,7 @@ class Runner:
         self.log.close()
         self.ledger.close()
 
-    def _beat(self, tree: Tree, track: Track, wall: MonotonicClock) -> str:
+    def _beat(self, tree: Tree, track: Track, wall: MonotonicClock) -> tuple[str, Status]:
         clock, next_track, next_progress = self._backend.clock, 0.0, 0.0
         while True:
             now = clock.now()
@@ -159,11 +167,12 @@ class Runner:
                 track.add(now, odometry.pose, float(odometry.linear[0]))
                 next_track = now + TRACK_PERIOD_S - 1e-6
             if now >= self._mission.file.time_limit_s:
-                return "time_limit"
+                return "time_limit", Status.ACTIVE
             if self._cancelled():
-                return "aborted"
-            if tree.tick() is not Status.ACTIVE:
-                return "tree"
+                return "aborted", Status.ACTIVE
+            status = tree.tick()
+            if status is not Status.ACTIVE:
+                return "tree", status
             self._backend.advance()
             self._on_beat(now)
             if wall.now() >= next_progress:

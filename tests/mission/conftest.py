@@ -17,6 +17,7 @@ from grape.geometry import pose, rotation_z
 from grape.messages import GripperState, Imu, JointState, NavSatFix
 from grape.mission.catalog import robot_description
 from grape.mission.file import Mission, load_mission
+from grape.mission.launch import write_inputs
 from grape.mission.runner import Runner
 
 WHEELS = ("wheel_front_left", "wheel_front_right", "wheel_rear_left", "wheel_rear_right")
@@ -81,7 +82,7 @@ class FakeBackend:
         imu = Imu(stamp=t, orientation=upright, angular_velocity=np.zeros(3), linear_acceleration=gravity)
         self._add("imu", imu)
         if self.beats % 100 == 0:
-            antenna = np.array([*self.site.start, 0.13]) + [-0.35, -0.20, 0.75]
+            antenna = np.array([*self.site.start, 0.13]) + np.array([-0.35, -0.20, 0.75])
             lat, lon, alt = geodetic_from_enu(self.site.datum, antenna[None])[0]
             covariance = np.eye(3) * 1e-4
             fix = NavSatFix(stamp=t, latitude=lat, longitude=lon, altitude=alt, covariance=covariance)
@@ -120,6 +121,7 @@ class ScriptedTree:
         self.script = script
         self.ticks = 0
         self.halted = False
+        self.last_failure: Any = None
 
     def tick(self) -> Status:
         self.ticks += 1
@@ -148,6 +150,11 @@ def serve(context: Context, plant: str, outcome: Outcome, reason: str = "") -> N
     log.event("plant_finished", plant=plant, outcome=str(outcome), reason=reason)
 
 
+@pytest.fixture(name="serve")
+def serve_fixture() -> Callable[..., None]:
+    return serve
+
+
 @pytest.fixture
 def mission() -> Mission:
     return load_mission("dispenser_deployment")
@@ -161,23 +168,27 @@ def backend(mission: Mission) -> FakeBackend:
 @pytest.fixture
 def robot() -> Any:
     T_arm_hand = pose(rotation_z(0.3), (0.2, 0.0, 0.5))
-    return SimpleNamespace(
-        description=robot_description("husky_jaco2"), arm=SimpleNamespace(fk=lambda q: T_arm_hand)
-    )
+    return SimpleNamespace(description=robot_description("husky_jaco2"), arm=SimpleNamespace(fk=lambda q: T_arm_hand))
 
 
 @pytest.fixture
 def make_runner(
     mission: Mission, backend: FakeBackend, robot: Any, tmp_path: Path
 ) -> Callable[..., tuple[Runner, list[ScriptedTree]]]:
-    def make(script: Callable[[Context, int], Status | None], **options: Any) -> tuple[Runner, list[ScriptedTree]]:
+    def make(
+        script: Callable[[Context, int], Status | None],
+        backend: FakeBackend = backend,
+        folder: Path = tmp_path,
+        **options: Any,
+    ) -> tuple[Runner, list[ScriptedTree]]:
         trees: list[ScriptedTree] = []
 
         def make_tree(context: Context) -> ScriptedTree:
             trees.append(ScriptedTree(context, script))
             return trees[0]
 
-        runner = Runner(mission, backend, robot, tmp_path, make_tree=make_tree, referee=backend, **options)
+        write_inputs(mission, folder)
+        runner = Runner(mission, backend, robot, folder, make_tree=make_tree, referee=backend, **options)
         return runner, trees
 
     return make

@@ -1,0 +1,134 @@
+"""Mission files: names, worlds, sites and plants are checked together, and a kept mission repeats the run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from grape.errors import FileError
+from grape.mission.file import Mission, load_mission
+from grape.mission.launch import make_folder, write_inputs
+from grape.site import save_site
+
+
+def problems_of(name: str, overrides: list[str] | None = None, world: Path | None = None) -> list[str]:
+    with pytest.raises(FileError) as caught:
+        load_mission(name, overrides or [], world)
+    return [str(problem) for problem in caught.value.problems]
+
+
+def test_the_default_mission_serves_two_nails_and_two_vines_in_two_rows(mission: Mission) -> None:
+    assert sorted(plant.mode for plant in mission.plants) == ["nail", "nail", "plant", "plant"]
+    assert {mission.site.plant(plant.plant).row for plant in mission.plants} == {"r0", "r1"}
+    assert mission.file.dispensers == 8
+
+
+def test_the_seed_is_also_the_worlds_unless_the_world_has_its_own() -> None:
+    assert load_mission("dispenser_deployment", ["seed=7"]).world.seed == 7
+    assert load_mission("dispenser_deployment", ["seed=7", "world.seed=3"]).world.seed == 3
+
+
+def test_overrides_reach_mission_world_and_action_parameters() -> None:
+    overrides = ["world.style=gobelet", "world.slope=0.15", "time_limit_s=60", "actions.ServoToNail.gain=0.5"]
+    mission = load_mission("dispenser_deployment", overrides)
+    assert (mission.world.style, mission.world.slope, mission.file.time_limit_s) == ("gobelet", 0.15, 60)
+    assert mission.file.actions["ServoToNail"] == {"gain": 0.5}
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("robot=husky_jaco", "robot: got 'husky_jaco'; allowed: husky_jaco2; did you mean 'husky_jaco2'?"),
+        ("task=dispensers", "did you mean 'dispenser'?"),
+        ("tree=dispenser_deploy", "did you mean 'dispenser_deployment'?"),
+        ("world.type=vinyard", "did you mean 'vineyard'?"),
+        ("world.stlye=cordon", "world.stlye: unknown key"),
+        ("world.style=gobelt", "allowed: cordon, gobelet; did you mean 'gobelet'?"),
+        ("world.rows=0", "greater than or equal to 1"),
+        ("plants.0.plant=r0v99", "the site has no 'r0v99'"),
+        ("plants.0.mode=nail", "got 'nail' for r0v1, a vine; allowed: plant, plant_open_loop"),
+        ("plants.1.plant=r0v1", "'r0v1' is listed twice"),
+        ("plants=[]", "the list is empty"),
+        ("select.nails=1", "both plants and select are given"),
+        ("dispensers=9", "less than or equal to 8"),
+        ("time_limit_s=0", "greater than 0"),
+        ("sede=3", "did you mean 'seed'?"),
+        ("site=nowhere.geojson", "site: got 'nowhere.geojson'"),
+    ],
+)
+def test_each_wrong_value_gets_its_problem(override: str, expected: str) -> None:
+    (first, *_) = [problem for problem in problems_of("dispenser_deployment", [override]) if expected in problem]
+    assert first.startswith("--set: ")
+
+
+def test_independent_problems_are_listed_together() -> None:
+    assert (
+        len(problems_of("dispenser_deployment", ["robot=x", "tree=y", "plants.0.plant=z", "plants.1.mode=plant"])) == 4
+    )
+
+
+def test_problems_in_the_file_name_line_and_column(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("name: mine\nplants:\n  - {plant: r0v77, mode: plant}\n")
+    (problem,) = problems_of(str(path))
+    assert problem.startswith(f"{path}:3:6: plants.0.plant: the site has no 'r0v77'")
+
+
+def test_an_unknown_mission_gets_a_suggestion() -> None:
+    (problem,) = problems_of("dispenser_deploymnt")
+    assert "did you mean 'dispenser_deployment'?" in problem
+
+
+def test_plants_can_be_chosen_by_number() -> None:
+    mission = load_mission("dispenser_deployment", ["plants=null", "select={nails: 1, vines: 3}"])
+    assert sorted(plant.mode for plant in mission.plants) == ["nail", "plant", "plant", "plant"]
+    assert len({plant.plant for plant in mission.plants}) == 4
+    assert "at most" in problems_of("dispenser_deployment", ["plants=null", "select.nails=50"])[0]
+    assert "no plant is selected" in problems_of("dispenser_deployment", ["plants=null", "select={}"])[0]
+
+
+def test_a_world_file_replaces_the_world_and_its_problems_point_into_it(tmp_path: Path) -> None:
+    path = tmp_path / "world.yaml"
+    path.write_text("type: vineyard\nvines_per_row: 5\n")
+    assert load_mission("dispenser_deployment", world=path).world.vines_per_row == 5
+    path.write_text("type: vineyard\nrow_spacing: 9\n")
+    assert problems_of("dispenser_deployment", world=path) == [
+        f"{path}:2:1: world.row_spacing: got 9; allowed: less than or equal to 6"
+    ]
+
+
+def test_a_surveyed_site_replaces_the_generated_one(mission: Mission, tmp_path: Path) -> None:
+    save_site(mission.site, tmp_path / "site.geojson")
+    surveyed = load_mission("dispenser_deployment", world=tmp_path / "site.geojson")
+    assert surveyed.surveyed
+    assert [plant.id for plant in surveyed.site.plants] == [plant.id for plant in mission.site.plants]
+
+
+def test_the_kept_mission_is_the_same_mission(tmp_path: Path) -> None:
+    mission = load_mission("dispenser_deployment", ["seed=5", "world.style=gobelet", "plants=null", "select.vines=2"])
+    write_inputs(mission, tmp_path)
+    again = load_mission(str(tmp_path / "mission.yaml"))
+    assert (again.plants, again.seed, again.world) == (mission.plants, 5, mission.world)
+    assert again.tree == tmp_path / "tree.xml"
+
+
+def test_a_kept_surveyed_mission_brings_its_site_along(mission: Mission, tmp_path: Path) -> None:
+    save_site(mission.site, tmp_path / "mine.geojson")
+    run = tmp_path / "run"
+    run.mkdir()
+    write_inputs(load_mission("dispenser_deployment", world=tmp_path / "mine.geojson"), run)
+    (tmp_path / "mine.geojson").unlink()
+    assert load_mission(str(run / "mission.yaml")).surveyed
+
+
+def test_run_folders_are_numbered_and_never_reused(
+    mission: Mission, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    names = [make_folder(None, mission).name for _ in range(2)]
+    assert names == ["dispenser_deployment-seed0-1", "dispenser_deployment-seed0-2"]
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "file").touch()
+    with pytest.raises(ValueError, match="not empty"):
+        make_folder(tmp_path / "full", mission)

@@ -1,0 +1,111 @@
+"""The ledger: the account always balances, and nothing is lost when the process is killed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from grape.actions.core import Outcome, PlantTask
+from grape.errors import InvalidInput
+from grape.mission.ledger import SqliteLedger
+
+PLANTS = [("r0v1", "plant"), ("r0n0", "nail")]
+
+
+@pytest.fixture
+def ledger(tmp_path: Path) -> SqliteLedger:
+    return SqliteLedger.create(tmp_path / "ledger.sqlite", PLANTS, 8)
+
+
+def test_a_new_ledger_knows_the_plants_in_order_and_a_full_feeder(ledger: SqliteLedger) -> None:
+    assert ledger.plants() == (PlantTask(plant="r0v1", mode="plant"), PlantTask(plant="r0n0", mode="nail"))
+    assert ledger.account() == {"loaded": 8, "deployed": 0, "left": 8, "lost": 0, "on_hand": 0}
+
+
+def test_attempts_and_outcomes_are_kept(ledger: SqliteLedger) -> None:
+    assert [ledger.attempt("r0n0"), ledger.attempt("r0n0"), ledger.attempt("r0v1")] == [1, 2, 1]
+    ledger.finish("r0n0", Outcome.SKIPPED, "unreachable")
+    expected = PlantTask(plant="r0n0", mode="nail", outcome=Outcome.SKIPPED, reason="unreachable", attempts=2)
+    assert ledger.plants()[1] == expected
+
+
+def test_the_account_balances_after_every_move(ledger: SqliteLedger) -> None:
+    for source, target in [("feeder", "hand"), ("hand", "r0v1"), ("feeder", "hand"), ("hand", "lost")]:
+        ledger.move_dispenser(source, target)
+        account = ledger.account()
+        assert account["loaded"] == 8 == sum(account[key] for key in ("deployed", "left", "lost", "on_hand"))
+    assert ledger.account() == {"loaded": 8, "deployed": 1, "left": 6, "lost": 1, "on_hand": 0}
+
+
+@pytest.mark.parametrize(
+    ("source", "target", "message"),
+    [
+        ("hand", "r0v1", "no dispenser at hand"),
+        ("feeder", "r0v2", "did you mean 'r0v1'"),
+        ("feedr", "hand", "did you mean 'feeder'"),
+        ("feeder", "feeder", "cannot move"),
+    ],
+)
+def test_impossible_moves_are_refused(ledger: SqliteLedger, source: str, target: str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        ledger.move_dispenser(source, target)
+    assert ledger.account()["left"] == 8
+
+
+def test_unknown_plants_and_outcomes_are_refused(ledger: SqliteLedger) -> None:
+    with pytest.raises(InvalidInput, match="did you mean 'r0v1'"):
+        ledger.attempt("r0v")
+    with pytest.raises(InvalidInput, match="not in this mission"):
+        ledger.finish("x", Outcome.FAILED)
+    with pytest.raises(ValueError, match="hung"):
+        ledger.finish("r0v1", "hung")  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("plants", [[("a", "nail"), ("a", "plant")], [("hand", "nail")]])
+def test_ids_must_be_unique_and_no_reserved_names(tmp_path: Path, plants: list[tuple[str, str]]) -> None:
+    with pytest.raises(InvalidInput, match="ids of their own"):
+        SqliteLedger.create(tmp_path / "x.sqlite", plants, 8)
+    assert not (tmp_path / "x.sqlite").exists()
+
+
+def test_a_ledger_is_never_overwritten(ledger: SqliteLedger, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="never overwritten"):
+        SqliteLedger.create(tmp_path / "ledger.sqlite", PLANTS, 8)
+
+
+@pytest.mark.parametrize("content", [None, b"no database at all, but long enough to look at" * 30, b""])
+def test_files_that_are_no_ledger_are_refused(tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "other.sqlite"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InvalidInput):
+        SqliteLedger.open(path)
+
+
+def test_a_killed_process_loses_nothing(tmp_path: Path) -> None:
+    program = (
+        "import os, signal, sys; from pathlib import Path; from grape.mission.ledger import SqliteLedger\n"
+        "from grape.actions.core import Outcome\n"
+        "ledger = SqliteLedger.create(Path(sys.argv[1]), [('a', 'nail'), ('b', 'plant')], 8)\n"
+        "ledger.attempt('a'); ledger.move_dispenser('feeder', 'hand'); ledger.move_dispenser('hand', 'a')\n"
+        "ledger.finish('a', Outcome.DEPLOYED); ledger.move_dispenser('feeder', 'hand')\n"
+        "os.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    path = tmp_path / "ledger.sqlite"
+    process = subprocess.run([sys.executable, "-c", program, str(path)], env=dict(os.environ), check=False)
+    assert process.returncode == -signal.SIGKILL
+    ledger = SqliteLedger.open(path)
+    assert ledger.plants()[0].outcome is Outcome.DEPLOYED
+    assert ledger.account() == {"loaded": 8, "deployed": 1, "left": 6, "lost": 0, "on_hand": 1}
+
+
+def test_closing_folds_the_journal_into_one_file(ledger: SqliteLedger, tmp_path: Path) -> None:
+    ledger.move_dispenser("feeder", "hand")
+    ledger.close()
+    assert [path.name for path in tmp_path.iterdir()] == ["ledger.sqlite"]
+    assert SqliteLedger.open(tmp_path / "ledger.sqlite").account()["on_hand"] == 1

@@ -1,0 +1,99 @@
+"""The report: one page that holds everything and needs nothing else."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from grape.actions.core import Context, Outcome, Status
+from grape.mission.file import Mission
+from grape.mission.launch import finish
+from grape.mission.report_servo import servo_runs
+from grape.mission.svg import line_chart, ticks
+
+
+@pytest.fixture
+def page(
+    make_runner: Callable[..., Any], backend: Any, mission: Mission, serve: Callable[..., None], tmp_path: Path
+) -> str:
+    def script(context: Context, ticks: int) -> Status | None:
+        if ticks == 2:
+            serve(context, "r0v1", Outcome.DEPLOYED)
+            context.log.picture("deployment", np.full((48, 64, 3), 90, np.uint8))
+            context.log.event("plant_started", plant="r0n0", mode="nail")
+        if 3 <= ticks < 30:
+            corners = [[100 + ticks, 100], [200 + ticks, 100]]
+            context.log.event(
+                "servo_sample", action="ServoToNail", error_px=30.0 - ticks, corners=corners, desired=[[130, 100]]
+            )
+        if ticks == 30:
+            context.log.event("servo", action="ServoToNail", error_px=1.0, iterations=27, converged=True)
+            context.log.event(
+                "action", name="CheckGrasp", status="aborted", reason="grasp_failed", detail="a < b & c", start=0, end=0
+            )
+            return Status.SUCCEEDED
+        return None
+
+    runner, _ = make_runner(script)
+    finish(mission, runner, backend, tmp_path)
+    return (tmp_path / "report.html").read_text()
+
+
+def test_the_page_needs_no_other_file(page: str) -> None:
+    assert re.findall(r'(?:src|href)="(?!data:)[^"#][^"]*"', page) == []
+    assert "http" not in page.replace("http://www.w3.org/2000/svg", "")
+
+
+def test_the_page_shows_plants_reasons_pictures_servo_runs_and_failures(page: str) -> None:
+    for text in (
+        "r0v1",
+        "deployed",
+        "not served",
+        "data:image/jpeg;base64,",
+        "ServoToNail",
+        "converged",
+        "grasp_failed",
+    ):
+        assert text in page
+    assert "a &lt; b &amp; c" in page
+    assert "link_5" in page, "collisions"
+
+
+def test_every_drawing_is_well_formed(page: str) -> None:
+    drawings = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
+    assert len(drawings) >= 5
+    for drawing in drawings:
+        ElementTree.fromstring(drawing)
+    assert "nan" not in "".join(drawings)
+
+
+def test_servo_runs_are_told_apart_by_their_end_and_by_pauses() -> None:
+    def sample(t: float) -> dict[str, Any]:
+        return {
+            "t": t,
+            "kind": "servo_sample",
+            "action": "A",
+            "error_px": 1.0,
+            "corners": [[0, 0]],
+            "desired": [[1, 1]],
+        }
+
+    events = [sample(0.0), sample(0.1), {"t": 0.2, "kind": "servo", "error_px": 1.0}, sample(0.3), sample(9.0)]
+    assert [len(run.times) for run in servo_runs(events)] == [2, 1, 1]
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-3.2, 9.7), (0.0, 1e-6), (5.0, 5.0), (0.0, 123456.0)])
+def test_ticks_are_round_few_and_inside(low: float, high: float) -> None:
+    values = ticks(low, high)
+    assert len(values) <= 7
+    assert all(low - 1e-9 <= value <= high + 1e-9 for value in values)
+
+
+def test_a_chart_without_points_says_so() -> None:
+    assert "no data" in line_chart([("a", [], "red")], x_title="x", y_title="y")

@@ -1,0 +1,114 @@
+"""The command line: quick to answer, clear about wrong input, exit codes as documented."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import grape
+from grape import cli
+
+HEAVY = ("numpy", "scipy", "mujoco", "open3d", "pinocchio", "numba", "matplotlib", "cv2", "ompl", "toppra", "pydantic")
+
+
+def grape_command(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
+    """Exit code, output and error text of `grape ARGUMENTS`."""
+    argv, sys.argv = sys.argv, ["grape", *arguments]
+    try:
+        cli.main()
+    except SystemExit as end:
+        code = int(end.code or 0)
+    finally:
+        sys.argv = argv
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def test_importing_the_command_line_loads_nothing_heavy() -> None:
+    program = f"import sys, grape.cli; print([name for name in {HEAVY} if name in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_help_names_commands_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = grape_command(capsys, "--help")
+    assert code == 0
+    for word in ("run", "list", "check", "render", "Exit codes", "130"):
+        assert word in out
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert grape_command(capsys, "--version")[:2] == (0, f"grape {grape.__version__}\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["run", "dispenser_deploymnt"], "did you mean 'dispenser_deployment'?"),
+        (["run", "--set", "world.stile=cordon"], "did you mean 'style'?"),
+        (["run", "--seed", "x"], "Invalid value"),
+        (["run", "--sed", "3"], "No such option"),
+        (["runn"], "No such command"),
+        (["check"], "Missing argument"),
+        (["run", "--world", "nowhere.yaml"], "cannot be read"),
+    ],
+)
+def test_wrong_input_exits_with_1_and_no_traceback(
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    expected: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, err = grape_command(capsys, *arguments)
+    assert code == 1
+    assert expected in err and "Traceback" not in out + err
+    assert list(tmp_path.iterdir()) == [], "nothing half-written"
+
+
+def test_check_lists_every_problem_of_every_file(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    mission, site, tree, model = (tmp_path / name for name in ("m.yaml", "s.geojson", "t.xml", "r.xml"))
+    mission.write_text("name: m\nrobott: husky_jaco2\ndispensers: 99\n")
+    site.write_text('{"type": "FeatureCollection"')
+    tree.write_text('<root BTCPP_format="4"><BehaviorTree ID="A"><Sequenze/></BehaviorTree></root>')
+    model.write_text("<mujoco><worldbody><geom/></worldbody></mujoco>")
+    code, out, err = grape_command(
+        capsys, "check", str(mission), str(site), str(tree), str(model), "dispenser_deployment"
+    )
+    assert code == 1
+    assert f"{mission}:2:1: robott: unknown key" in err
+    assert f"{mission}:3:1: dispensers: got 99" in err
+    for path in (site, tree, model):
+        assert f"{path}:" in err
+    assert "dispenser_deployment: ok" in out
+
+
+def test_check_accepts_what_is_built_in(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = grape_command(capsys, "check", "dispenser_deployment", "husky_jaco2")
+    assert (code, err) == (0, "")
+    assert "husky_jaco2: ok, robot husky_jaco2" in out
+
+
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [("husky_jaco", "did you mean 'husky_jaco2'?"), ("gone.yaml", "cannot be read"), ("grape", "allowed: mission")],
+)
+def test_check_refuses_names_it_does_not_know(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, expected: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "grape").touch()
+    code, _, err = grape_command(capsys, "check", name)
+    assert code == 1
+    assert expected in err
+
+
+def test_list_shows_missions_nodes_and_ports(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, _ = grape_command(capsys, "list")
+    assert code == 0
+    for word in ("dispenser_deployment", "husky_jaco2", "vineyard", "FinishPlant", "outcome"):
+        assert word in out
