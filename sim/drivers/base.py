@@ -32,6 +32,7 @@ class BaseOptions:
     encoder_scale_sigma: float = 0.001  # relative error of each wheel's radius, constant during a run
     hold_gain: float = 20.0  # 1/s, pulls a wheel back to the angle that its speeds add up to
     hold_lead: float = 0.05  # rad, most that a wheel may lag
+    sharing_s: float = 0.5  # time in which the wheels of a parked base share their load
 
 
 class SimulatedBase(SampledSensor[JointState]):
@@ -87,6 +88,9 @@ class SimulatedBase(SampledSensor[JointState]):
         speed = (self._linear + self._side * (0.5 * options.effective_track * self._angular)) / options.wheel_radius
         data = self._physics.data
         lag = np.clip(self._reference + speed * STEP_S - data.qpos[self._qpos], -options.hold_lead, options.hold_lead)
+        if not (self._linear or self._angular):
+            # Parked wheels must share the load, or they push against each other and the base creeps.
+            lag += (lag.mean() - lag) * (STEP_S / options.sharing_s)
         self._reference = data.qpos[self._qpos] + lag
         data.ctrl[self._actuators] = speed + options.hold_gain * lag
 
