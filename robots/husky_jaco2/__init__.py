@@ -43,6 +43,7 @@ from grape.robots.description import (
 
 _WHEELS = ("wheel_front_left", "wheel_front_right", "wheel_rear_left", "wheel_rear_right")
 _HOME = np.array([4.805, 2.925, 1.002, 4.203, 1.446, 1.323])  # Kinova's home position
+_TRAVEL = np.array([5.980, 3.744, 1.522, 5.993, 1.077, 2.548])
 _CAMERA_TILT = np.radians(13.0)
 _R_hand_camera = np.column_stack(
     (
@@ -86,9 +87,16 @@ _ARM = ArmDescription(
     torque_max=np.array([30.5, 30.5, 30.5, 6.8, 6.8, 6.8]),
     servo_lag=0.07,
     command_timeout=0.05,
-    poses={"home": _HOME},
+    poses={
+        "home": _HOME,
+        "travel": _TRAVEL,  # every link inside the footprint, hand over the feeder
+        "ready_feeder": _TRAVEL,  # 0.14 m above the highest loop
+        # The hand level to the left, 0.22 m before or behind the arm base, 0.15 m beside it and 0.25 m above it.
+        "ready_left_fore": np.array([2.952, 4.023, 0.780, 3.894, 1.938, 1.042]),
+        "ready_left_aft": np.array([6.540, 4.022, 0.779, 5.602, -1.947, 5.248]),
+    },
     cable_turns=1.5 * np.pi,
-    unwound=_HOME,
+    unwound=_TRAVEL,
 )
 
 _GRIPPER = GripperDescription(
