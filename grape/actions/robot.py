@@ -117,12 +117,13 @@ def _box(description: Any, shape: Any) -> StaticBox:
 
 
 def _fingers(description: Any, hand: HandModel, joint: int) -> list[LinkCapsule]:
-    """Closed fingers with their nails, and the thumb swung clear."""
+    """Closed fingers with their nails, and the thumb folded clear."""
     gripper = description.gripper
     mirror = np.array([-1.0, 1.0, 1.0])
     nail = hand.nail(gripper.closed_angle)
     thumb = np.array([0.00279, 0.03126, -0.11467])
-    thumb_tip = thumb + 0.085 * np.array([0.0, np.sin(gripper.reference), -np.cos(gripper.reference)])
+    tilt = gripper.reference - gripper.thumb_clear
+    thumb_tip = thumb + 0.085 * np.array([0.0, np.sin(tilt), -np.cos(tilt)])
     return [
         _capsule("finger_2", joint, gripper.pivot, nail, _FINGER_RADIUS_M),
         _capsule("finger_3", joint, gripper.pivot * mirror, nail * mirror, _FINGER_RADIUS_M),
