@@ -28,7 +28,7 @@ def knob(x, y=0.0):
     return (np.array([x, y, 0.75]), np.array([x, y, 0.785]), 0.012)
 
 
-def surface(tubes, rng, eye=EYE[0], noise=0.0006, spacing=0.0008):
+def surface(tubes, rng, eye=EYE[0], noise=0.0006, spacing=0.0012):
     """Points on the sides and ends of tubes that `eye` sees, with noise along the view."""
     points, normals = [], []
     for start, end, radius in tubes:
