@@ -121,10 +121,10 @@ def _descriptions(docstring: str) -> dict[str, str]:
 
 def type_name(kind: Any) -> str:
     """A type as a person writes it: `float`, `tuple[float, float]`, `Outcome`."""
-    if isinstance(kind, type) and not typing.get_args(kind):
-        return kind.__name__
     if kind is Any:
         return "any"
+    if isinstance(kind, type) and not typing.get_args(kind):
+        return kind.__name__
     arguments = typing.get_args(kind)
     if is_union(kind):
         return " | ".join(type_name(argument) for argument in arguments).replace("NoneType", "None")

@@ -66,6 +66,7 @@ CONTROLS = [
     ("ReactiveFallback", {}),
     ("Parallel", {}),
     ("Parallel", {"success_count": "1", "failure_count": "-1"}),
+    ("Parallel", {"success_count": "1", "failure_count": "1"}),
     ("Parallel", {"success_count": "2", "failure_count": "2"}),
 ]
 DECORATORS = [

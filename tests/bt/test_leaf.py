@@ -156,6 +156,17 @@ def test_a_required_entry_that_is_not_yet_written_rejects_the_goal(bench: Simple
     assert "nothing has written the blackboard entry 'd' yet" in running.last_failure.detail
 
 
+def test_a_leaf_that_was_rejected_runs_once_its_entry_is_there(bench: SimpleNamespace) -> None:
+    body = (
+        '<RetryUntilSuccessful num_attempts="2"><Fallback><Drive name="first" distance="{d}"/><ForceFailure>'
+        '<Drive name="second" distance="0" driven="{d}"/></ForceFailure></Fallback></RetryUntilSuccessful>'
+    )
+    running = bench.executor(bench.root(body), [drive])
+    # tick 1: {d} is missing, then written; tick 2: it is there
+    assert [running.tick(), running.tick()] == ["active", "succeeded"]
+    assert running.trace == ["first:failure second:success", "first:success"]
+
+
 def test_an_optional_entry_that_is_not_yet_written_gives_the_default(bench: SimpleNamespace) -> None:
     seen: list[SeenGoal] = []
     body = '<Sequence><Seen value="{d}"/><Drive distance="0" driven="{d}"/></Sequence>'
