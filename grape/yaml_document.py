@@ -131,7 +131,8 @@ def _yaml_message(error: MarkedYAMLError) -> str:
 
 def _forbidden_constructs(text: str, file: str) -> list[Problem]:
     """Anchors, aliases and too deep nesting, found from the event stream, before any node is built."""
-    problems, depth = [], 0
+    problems: list[Problem] = []
+    depth = 0
     for event in YAML(typ="safe", pure=True).parse(text):
         opens = isinstance(event, MappingStartEvent | SequenceStartEvent)
         depth += 1 if opens else -1 if type(event).__name__ in ("MappingEndEvent", "SequenceEndEvent") else 0
@@ -176,7 +177,7 @@ class _Builder:
             data[name] = self.build(value_node, (*key, name))
         return data
 
-    def _scalar(self, node: ScalarNode, key: Key) -> Any:
+    def _scalar(self, node: Node, key: Key) -> Any:
         kind = str(node.tag).removeprefix("tag:yaml.org,2002:")
         if kind not in _PLAIN_TAGS:
             self._refuse(node, key, f"tag {node.tag}", "plain values")

@@ -17,7 +17,10 @@ from grape.errors import InvalidInput
 from grape.messages import Array
 
 MAX_WIDTH, MAX_HEIGHT = 1280, 960  # of the offscreen buffer that every composed model gets
+SHOWN_GROUPS = (0, 1, 2)  # groups above are collision shapes
+_HIDDEN_GROUP = 5
 _MAX_GEOMS = 20_000
+_SHADOW_REACH_M = 12.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,33 +37,39 @@ class Renderer:
     """Renders scenes of one model at one size; colour and depth come from a single pass.
 
     Args:
-        pretty: shadows, reflections and anti-aliasing for people; without it a sensor's speed.
+        pretty: shadows and anti-aliasing for people; without it a sensor's speed.
+        reach_m: the world's small things farther than this from the camera are not drawn; None draws all.
 
     Raises:
         InvalidInput: the size exceeds the offscreen buffer.
     """
 
-    def __init__(self, model: mujoco.MjModel, width: int, height: int, *, pretty: bool = False) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, width: int, height: int, *, pretty: bool = False, reach_m: float | None = None
+    ) -> None:
         if not (0 < width <= MAX_WIDTH and 0 < height <= MAX_HEIGHT):
             raise InvalidInput(f"a picture may be at most {MAX_WIDTH} x {MAX_HEIGHT}, got {width} x {height}")
         self._model = model
         self._rect = mujoco.MjrRect(0, 0, width, height)
+        self._aspect = width / height
+        self._pretty = pretty
+        self._reach_m = reach_m
         self._gl = mujoco.GLContext(MAX_WIDTH, MAX_HEIGHT)
         self._gl.make_current()
-        quality = model.vis.quality
-        saved = quality.offsamples, quality.shadowsize, quality.numslices, quality.numstacks
-        if not pretty:
-            quality.offsamples, quality.shadowsize, quality.numslices, quality.numstacks = 0, 0, 8, 4
-        self._context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
-        quality.offsamples, quality.shadowsize, quality.numslices, quality.numstacks = saved
+        if pretty:
+            _cast_shadows(model)
+        self._context = _make_context(model, pretty)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = pretty
-        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = pretty
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
         self._option = mujoco.MjvOption()
-        self._option.geomgroup[3:] = 0
+        self._option.geomgroup[:] = [group in SHOWN_GROUPS for group in range(len(self._option.geomgroup))]
         self._option.sitegroup[:] = 0
+        small = (model.geom_bodyid == 0) & np.isin(model.geom_type, _SMALL) & np.isin(model.geom_group, SHOWN_GROUPS)
+        self._small = np.flatnonzero(small)
+        self._groups = model.geom_group[self._small].copy()
         self._rgb = np.empty((height, width, 3), dtype=np.uint8)
         self._depth = np.empty((height, width), dtype=np.float32)
 
@@ -87,9 +96,27 @@ class Renderer:
 
     def _draw(self, data: mujoco.MjData, camera: str | View) -> None:
         self._gl.make_current()
+        view = self._camera(camera)
+        if self._reach_m is not None and view.type == mujoco.mjtCamera.mjCAMERA_FIXED:
+            self._model.geom_group[self._small] = np.where(
+                self._in_reach(data, view.fixedcamid), self._groups, _HIDDEN_GROUP
+            )
+        if self._pretty:
+            # The shadow map reaches _SHADOW_REACH_M around the light's position, which a sun does not have.
+            data.light_xpos[:] = view.lookat - 10.0 * data.light_xdir
         category = mujoco.mjtCatBit.mjCAT_ALL
-        mujoco.mjv_updateScene(self._model, data, self._option, None, self._camera(camera), category, self._scene)
+        mujoco.mjv_updateScene(self._model, data, self._option, None, view, category, self._scene)
         mujoco.mjr_render(self._rect, self._scene, self._context)
+
+    def _in_reach(self, data: mujoco.MjData, camera: int) -> Array:
+        """Which of the world's small geoms are near the camera and in a cone around its picture."""
+        offset = data.geom_xpos[self._small] - data.cam_xpos[camera]
+        ahead = -(offset @ data.cam_xmat[camera].reshape(3, 3)[:, 2])
+        distance = np.linalg.norm(offset, axis=1)
+        beside = np.sqrt(np.maximum(distance**2 - ahead**2, 0.0))
+        half_diagonal = np.tan(0.5 * np.radians(self._model.cam_fovy[camera])) * np.hypot(1.0, self._aspect)
+        margin = self._model.geom_rbound[self._small] * np.hypot(1.0, half_diagonal)
+        return (beside <= half_diagonal * ahead + margin) & (distance <= self._reach_m + margin)
 
     def _camera(self, camera: str | View) -> mujoco.MjvCamera:
         view = mujoco.MjvCamera()
@@ -104,3 +131,31 @@ class Renderer:
             known = [self._model.camera(k).name for k in range(self._model.ncam)]
             raise InvalidInput(f"there is no camera {camera!r}; allowed: {known} or a View")
         return view
+
+
+_SMALL = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER)
+
+
+def _make_context(model: mujoco.MjModel, pretty: bool) -> mujoco.MjrContext:
+    quality = model.vis.quality
+    saved = quality.offsamples, quality.shadowsize, quality.numslices, quality.numstacks
+    quality.offsamples, quality.shadowsize, quality.numslices, quality.numstacks = (
+        (4, 4096, 24, 12) if pretty else (0, 0, 8, 4)
+    )
+    clip, model.vis.map.shadowclip = model.vis.map.shadowclip, _SHADOW_REACH_M / model.stat.extent
+    context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+    quality.offsamples, quality.shadowsize, quality.numslices, quality.numstacks = saved
+    model.vis.map.shadowclip = clip
+    return context
+
+
+def _cast_shadows(model: mujoco.MjModel) -> None:
+    """Let the sun cast shadows, and move its ambient share to the headlight, which alone reaches into them."""
+    if not model.nlight or model.light_castshadow.all():
+        return
+    model.light_castshadow[:] = True
+    headlight = model.vis.headlight
+    headlight.active = 1
+    headlight.ambient[:] = model.light_ambient.sum(axis=0)
+    headlight.diffuse[:] = headlight.specular[:] = 0.0
+    model.light_ambient[:] = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from grape.errors import InvalidInput
 from grape.geodesy import Datum
-from grape.geometry import pose, rotation_from_rpy
+from grape.geometry import pose
 from grape.localization.ekf import Ekf, EkfOptions, Measurement, Verdict
 from grape.localization.measurements import (
     GnssConfig,
@@ -23,6 +23,7 @@ from grape.localization.measurements import (
 from grape.messages import Array, Imu, JointState, NavSatFix, Odometry
 
 UNKNOWN_VARIANCE = 1e6
+_SOURCES = {JointState: "wheels", Imu: "imu", NavSatFix: "gnss"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,7 +100,7 @@ class PoseEstimator:
             stamp=stamp,
             frame_id="map",
             child_frame_id="base_link",
-            pose=pose(rotation_from_rpy(*mean[3:6]), mean[:3]),
+            pose=pose(self._ekf.rotation(belief), mean[:3]),
             linear=mean[6:9],
             angular=mean[9:12],
             pose_covariance=covariance[:6, :6],
@@ -107,15 +108,13 @@ class PoseEstimator:
         )
 
     def _take(self, message: JointState | Imu | NavSatFix) -> None:
-        source = {JointState: "wheels", Imu: "imu", NavSatFix: "gnss"}[type(message)]
+        source = _SOURCES[type(message)]
         try:
             measurement = self._measurement(message)
         except InvalidInput:
             self.verdicts[source, "invalid"] += 1
             return
-        if measurement is None:
-            return
-        if self._ekf is None:
+        if measurement is None or self._ekf is None:
             return
         verdict = self._ekf.correct(measurement).verdict
         self.verdicts[source, verdict] += 1
@@ -137,13 +136,12 @@ class PoseEstimator:
             return measurement
         measurement = from_gnss(message, options.datum, options.gnss)
         if self._ekf is None and self._imu is not None and measurement.usable:
-            self._initialize(message, measurement)
+            self._initialize(message, measurement, self._imu)
             return None
         return measurement
 
-    def _initialize(self, fix: NavSatFix, measurement: Measurement) -> None:
-        assert self._imu is not None
-        attitude = from_imu(self._imu, ImuConfig(R_base_imu=self.options.imu.R_base_imu))
+    def _initialize(self, fix: NavSatFix, measurement: Measurement, imu: Imu) -> None:
+        attitude = from_imu(imu, ImuConfig(R_base_imu=self.options.imu.R_base_imu))
         mean, std = np.zeros(15), np.full(15, 0.1)
         mean[3:6] = attitude.value[:3]
         mean[:3] = base_position(fix, self.options.datum, self.options.gnss, mean[3:6])

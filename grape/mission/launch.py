@@ -129,7 +129,7 @@ def write_inputs(mission: Mission, folder: Path) -> None:
     write_atomic(folder / "tree.xml", mission.tree.read_text(encoding="utf-8"))
     save_site(mission.site, folder / "site.geojson")
     yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = False
+    yaml.default_flow_style = False  # type: ignore[assignment]
     yaml.sort_base_mapping_type_on_output = False
     text = io.StringIO()
     yaml.dump({**mission.resolved(), "tree": "tree.xml"}, text)

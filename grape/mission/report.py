@@ -151,7 +151,8 @@ def _hue(k: int, count: int) -> str:
 
 
 def _pictures(folder: Path, events: Sequence[dict[str, Any]]) -> str:
-    plant, cards = "", []
+    plant = ""
+    cards: list[str] = []
     for event in events:
         if event["kind"] == "plant_started":
             plant = str(event["plant"])

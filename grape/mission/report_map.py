@@ -97,7 +97,7 @@ def _plants(site: Site, frame: Frame, plants: Mapping[str, Mapping[str, Any]]) -
         x, y = frame.at(float(plant.target[0]), float(plant.target[1]))
         served = plants.get(plant.id)
         if served is None:
-            shape = {"class_": "plant"}
+            shape: dict[str, Any] = {"class_": "plant"}
         else:
             shape = {"fill": OUTCOME_COLOURS.get(served["outcome"], "#888"), "stroke": "#fff", "stroke_width": 1.5}
             lift = -14 if plant.side == "left" else 24

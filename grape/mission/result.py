@@ -61,9 +61,9 @@ def plant_records(events: Iterable[dict[str, Any]]) -> dict[str, PlantRecord]:
 def _add_action(record: PlantRecord, event: dict[str, Any]) -> None:
     name, start, end = str(event["name"]), float(event["start"]), float(event["end"])
     record.phases_s[name] = round(record.phases_s.get(name, 0.0) + end - start, 3)
-    if name == "DriveToPlant":
+    if event["status"] == "succeeded" and name == "DriveToPlant":
         record.arrived_s = end
-    elif name == "Retract":
+    elif event["status"] == "succeeded" and name == "Retract":
         record.retracted_s = end
 
 

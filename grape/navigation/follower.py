@@ -82,6 +82,8 @@ class PursuitOptions:
 
     speed: float = 0.8
     turn_speed: float = 0.8
+    curve_speed: float = 0.5  # where the path bends
+    bend: float = 0.3  # rad per metre ahead from which it counts as bending
     reverse_speed: float = 0.3
     creep_speed: float = 0.05
     acceleration: float = 0.7
@@ -142,7 +144,7 @@ class PurePursuit:
         if abs(error) > options.turn_in_place and remaining > 0.1:
             return 0.0, 0.0, replace(state, phase=Phase.TURN)
         limit = options.reverse_speed if path.reverse else options.speed
-        speed = min(limit, self._stopping_speed(remaining))
+        speed = min(limit, self._stopping_speed(remaining), self._curve_limit(path, state.travelled))
         target = path.at(state.travelled + self._lookahead(abs(twist[0])))
         return *self._pursue(pose, target, speed, -1.0 if path.reverse else 1.0), state
 
@@ -231,6 +233,12 @@ class PurePursuit:
         """The speed from which the robot stops within `distance` m, never below creeping."""
         options = self.options
         return max(options.creep_speed, float(np.sqrt(2.0 * options.deceleration * max(distance - 0.03, 0.0))))
+
+    def _curve_limit(self, path: Path, travelled: float) -> float:
+        """Skidding wheels slip in bends: slow before and in them."""
+        yaws = path.ahead(travelled, travelled + 1.0)[:, 2]
+        bend = float(np.abs(wrap_angle(yaws - yaws[0])).max()) if len(yaws) else 0.0
+        return self.options.curve_speed if bend > self.options.bend else np.inf
 
     def _lookahead(self, speed: float) -> float:
         return self.options.lookahead + self.options.lookahead_s * speed

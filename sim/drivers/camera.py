@@ -26,6 +26,7 @@ class CameraOptions:
     height: int = 480
     period_s: float = 0.066
     latency_s: float = 0.066
+    reach_m: float = 6.0  # how far the world's rods and plates are drawn; ground and sky always are
     errors: RgbdModel = field(default_factory=RgbdModel)
 
 
@@ -78,7 +79,7 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
         options = self._options
         if self._renderer is None or self._replica is None:
             self._replica = Replica(self._seen())
-            self._renderer = Renderer(self._replica.model, options.width, options.height)
+            self._renderer = Renderer(self._replica.model, options.width, options.height, reach_m=options.reach_m)
         if self._banks is None:
             rng = self._noise.constant()
             gray = NoiseBank(rng, options.height, options.width, 3).scaled(errors.noise)

@@ -30,7 +30,7 @@ def row_distance(ctx: Context, plant: str) -> float:
     return float(transform(inverse(T_map_base), np.array([*spot.position, T_map_base[2, 3]]))[1])
 
 
-def row_boxes(ctx: Context, plant: str, depth_m: float = 0.16) -> tuple[StaticBox, ...]:
+def row_boxes(ctx: Context, plant: str, depth_m: float = 0.12) -> tuple[StaticBox, ...]:
     """The row as one box, for planning before anything of it was seen: unseen space beside the vines is occupied.
 
     Args:

@@ -26,7 +26,7 @@ class DriveToPlantGoal:
     """
 
     plant: str
-    row_distance_m: float = 0.55
+    row_distance_m: float = 0.62
     speed: float = 0.8
 
 

@@ -11,7 +11,7 @@ from grape.actions.core import Context, Feedback, action
 from grape.actions.hand_path import follow_hand_path
 from grape.actions.move_arm import move_to_pose
 from grape.errors import ActionFailed, Reason, StaleData
-from grape.geometry import pose, rotation_x, transform
+from grape.geometry import pose, rotation_x, rotation_z
 from grape.messages import Array, LaserScan, RgbdImage
 from grape.perception.sweep import AssembleOptions, Sweep, assemble
 from grape.tasks.dispenser.row import row_boxes, row_distance
@@ -27,7 +27,7 @@ class ScanVineGoal:
         plant: id in the site file.
         half_length_m: the sweep goes this far to both sides of the arm's base, along the robot's x.
         speed: m/s of the hand (0.12 at most; the vine gets a scan every few millimetres).
-        pitch: rad, hand tilted from pointing down towards the row.
+        pitch: rad, hand tilted from pointing down towards the row; it is rolled so that the camera looks over it.
         stand_off_m: of the hand's origin from the row's line.
         height_m: of the hand over the arm's base.
         images: depth frames kept along the sweep.
@@ -36,9 +36,9 @@ class ScanVineGoal:
     plant: str
     half_length_m: float = 0.34
     speed: float = 0.07
-    pitch: float = np.pi / 3
-    stand_off_m: float = 0.42
-    height_m: float = 0.30
+    pitch: float = np.radians(80.0)
+    stand_off_m: float = 0.44
+    height_m: float = 0.40
     images: int = 8
 
 
@@ -97,7 +97,7 @@ def _line(goal: ScanVineGoal, ctx: Context) -> tuple[Array, Array]:
     """First and last hand pose of the sweep in base_link."""
     row_y = row_distance(ctx, goal.plant)
     arm_base = ctx.robot.description.arm.T_base_link_arm_base[:3, 3]
-    R = rotation_x(goal.pitch)
+    R = rotation_x(goal.pitch) @ rotation_z(np.pi)
     y, z = row_y - goal.stand_off_m, arm_base[2] + goal.height_m
     first, last = (pose(R, (arm_base[0] + s * goal.half_length_m, y, z)) for s in (-1, 1))
     return first, last
@@ -144,8 +144,3 @@ class _Collector:
         )
         cameras = tuple(frames.lookup("base_link", "camera_optical", image.stamp) for image in self._images)
         return VineScan(sweep=sweep, images=tuple(self._images), T_base_camera=cameras)
-
-
-def points_in_base(image: RgbdImage, T_base_camera: Array, points_camera: Array) -> Array:
-    """Points (n, 3) of one frame in base_link."""
-    return transform(T_base_camera, points_camera)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
+import pytest
 
 from grape.geodesy import Datum, geodetic_from_enu
 from grape.geometry import rotation_from_rpy, rotation_to_quaternion
@@ -44,6 +47,7 @@ def commands(duration_s: float, dt: float) -> Array:
     return profile
 
 
+@lru_cache(maxsize=4)
 def simulate(seed: int, duration_s: float = 120.0, *, true_track: float = 1.0, slope: float = 0.05) -> Drive:
     """Skid-steer drive on a plane inclined along x, with correlated wheel slip, IMU drift and RTK fixes."""
     rng = np.random.default_rng(seed)
@@ -110,3 +114,19 @@ def fix_at(
         covariance=np.diag(sigma**2),
         status=status,
     )
+
+
+@pytest.fixture
+def drive() -> Callable[..., Drive]:
+    """`simulate(seed, duration_s)`."""
+    return simulate
+
+
+@pytest.fixture
+def fix() -> Callable[..., NavSatFix]:
+    return fix_at
+
+
+@pytest.fixture
+def datum() -> Datum:
+    return DATUM
