@@ -45,7 +45,7 @@ class EkfOptions:
 
     noise: Array = field(
         default_factory=lambda: np.array(
-            [1e-6, 1e-6, 1e-6, 1e-5, 1e-5, 1e-7, 0.5, 0.05, 0.02, 0.5, 0.5, 1.0, 0.01, 0.01, 0.01]
+            [1e-6, 1e-6, 1e-6, 1e-5, 1e-5, 1e-7, 0.5, 0.05, 0.02, 0.5, 0.5, 1.0, 1e-4, 1e-4, 1e-4]
         )
     )
     motion_noise: Array = field(default_factory=lambda: np.array([5e-4, 5e-4, 5e-4, 1e-3, 1e-3, 1e-5, *([0.0] * 9)]))

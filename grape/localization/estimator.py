@@ -145,6 +145,7 @@ class PoseEstimator:
         mean, std = np.zeros(15), np.full(15, 0.1)
         mean[3:6] = attitude.value[:3]
         mean[:3] = base_position(fix, self.options.datum, self.options.gnss, mean[3:6])
+        std[12:15] = 0.01
         std[3:6] = self.options.imu.tilt_std, self.options.imu.tilt_std, self.options.imu.yaw_std
         variance = std**2
         variance[:3] = 1.0

@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from grape.geometry import rotation_from_rpy, yaw_of
+from grape.localization import EstimatorOptions, PoseEstimator
+
+
+def run(drive, estimator, *, until: float = np.inf, gnss=None, wheels=True):
+    """Feed a drive beat by beat; returns stamps, errors (n, 2) m and yaw errors (n,) where the pose was ready."""
+    fixes = list(drive.gnss if gnss is None else gnss)
+    stamps, errors, yaw_errors = [], [], []
+    for k, stamp in enumerate(drive.stamps):
+        if stamp > until:
+            break
+        due = tuple(f for f in fixes[:1] if f.stamp <= stamp)
+        fixes = fixes[len(due) :]
+        odometry = estimator.advance(stamp, wheels=(drive.wheels[k],) if wheels else (), imu=(drive.imu[k],), gnss=due)
+        if estimator.initialized:
+            stamps.append(stamp)
+            errors.append(odometry.pose[:2, 3] - drive.poses[k, :2])
+            yaw_errors.append(np.remainder(yaw_of(odometry.pose) - drive.poses[k, 2] + np.pi, 2 * np.pi) - np.pi)
+    return np.array(stamps), np.array(errors), np.array(yaw_errors)
+
+
+def test_rows_and_turns_with_slip_are_tracked_within_three_centimetres(drive, datum):
+    estimator = PoseEstimator(EstimatorOptions(datum=datum))
+    _, errors, yaw_errors = run(drive(7, 60.0, true_track=0.8), estimator)
+    assert estimator.ready
+    assert np.sqrt((errors**2).sum(axis=1).mean()) < 0.03
+    assert np.abs(yaw_errors).max() < np.radians(2.5)
+
+
+def test_before_the_first_fix_the_pose_is_unknown_and_not_ready(drive, datum):
+    estimator = PoseEstimator(EstimatorOptions(datum=datum))
+    ride = drive(12, 1.0, slope=0.0)
+    odometry = estimator.advance(0.5, wheels=tuple(ride.wheels[:20]), imu=tuple(ride.imu[:20]))
+    assert not estimator.initialized and not estimator.ready
+    assert odometry.pose_covariance[0, 0] >= 1e6
+
+
+def test_one_jump_of_half_a_metre_moves_the_estimate_less_than_five_centimetres(drive, datum):
+    ride = drive(7, 60.0, true_track=0.8)
+    clean, jumped = PoseEstimator(EstimatorOptions(datum=datum)), PoseEstimator(EstimatorOptions(datum=datum))
+    fixes = list(ride.gnss)
+    fixes[12] = replace(fixes[12], latitude=fixes[12].latitude + 0.5 / 111_000)
+    _, a, _ = run(ride, clean, until=15.0)
+    _, b, _ = run(ride, jumped, gnss=fixes, until=15.0)
+    assert np.abs(a - b).max() < 0.05
+    assert jumped.verdicts["gnss", "gated"] == 1
+
+
+def test_sixty_seconds_without_gnss_stay_within_thirty_centimetres(drive, datum):
+    ride = drive(10, 66.0)
+    fixes = [f for f in ride.gnss if f.stamp < 6.0]
+    _, errors, _ = run(ride, PoseEstimator(EstimatorOptions(datum=datum)), gnss=fixes)
+    assert np.hypot(*errors.T).max() < 0.30
+
+
+def test_long_silence_makes_the_pose_unready(drive, datum):
+    estimator = PoseEstimator(EstimatorOptions(datum=datum))
+    run(drive(7, 60.0, true_track=0.8), estimator, until=6.0)
+    assert estimator.ready_at(6.1)
+    assert not estimator.ready_at(120.0)
+
+
+def test_wheels_at_rest_hold_the_pose_still_against_noisy_fixes(drive, datum, fix):
+    ride = drive(12, 1.0, slope=0.0)
+    estimator = PoseEstimator(EstimatorOptions(datum=datum))
+    rng = np.random.default_rng(12)
+    still, seen = ride.wheels[0], []
+    R = rotation_from_rpy(0, 0, 0)
+    for k in range(1500):
+        stamp = 0.02 * (k + 1)
+        fixes = (fix(stamp, np.zeros(3), R, rng.normal(size=3)),) if k % 50 == 0 else ()
+        imu = replace(ride.imu[0], stamp=stamp)
+        odometry = estimator.advance(stamp, wheels=(replace(still, stamp=stamp),), imu=(imu,), gnss=fixes)
+        seen.append(odometry.pose[:2, 3].copy())
+    late = np.array(seen[750:])
+    assert np.ptp(late, axis=0).max() < 0.015
+    assert np.hypot(*late.T).max() < 0.02
+
+
+def test_slope_does_not_shift_the_position(drive, datum):
+    ride = drive(13, 20.0, slope=0.15)
+    _, errors, _ = run(ride, PoseEstimator(EstimatorOptions(datum=datum)))
+    assert np.sqrt((errors**2).sum(axis=1).mean()) < 0.05
+
+
+def test_broken_messages_are_counted_and_do_no_harm(drive, datum):
+    ride = drive(7, 60.0, true_track=0.8)
+    estimator = PoseEstimator(EstimatorOptions(datum=datum))
+    run(ride, estimator, until=6.0)
+    before = estimator.odometry(6.0)
+    broken = replace(ride.imu[-1], stamp=6.0, orientation=np.full(4, np.nan))
+    lost = replace(ride.gnss[-1], stamp=6.0, status="none")
+    after = estimator.advance(6.0, imu=(broken,), gnss=(lost,))
+    assert estimator.verdicts["imu", "invalid"] == 1 and estimator.verdicts["gnss", "invalid"] == 1
+    assert np.allclose(before.pose, after.pose)
+
+
+def test_position_is_given_up_after_many_fixes_that_agree_elsewhere(drive, datum, fix):
+    ride = drive(12, 1.0, slope=0.0)
+    estimator = PoseEstimator(EstimatorOptions(datum=datum, relocate_after=5))
+    R = rotation_from_rpy(0, 0, 0)
+    for k in range(60):
+        stamp = 1.0 + k
+        place = np.array([0.0 if k < 30 else 4.0, 0.0, 0.0])
+        imu, wheels = replace(ride.imu[0], stamp=stamp), replace(ride.wheels[0], stamp=stamp)
+        estimator.advance(stamp, wheels=(wheels,), imu=(imu,), gnss=(fix(stamp, place, R, np.zeros(3)),))
+    assert estimator.odometry(60.0).pose[0, 3] == pytest.approx(4.0, abs=0.05)
