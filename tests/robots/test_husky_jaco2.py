@@ -51,8 +51,12 @@ def test_sensor_mounts_are_the_sites_of_the_mjcf(robot, name):
 def test_feeder_arm_base_and_markers_are_where_the_description_says(robot):
     _, data = robot
     T_base_world = inverse(site_pose(data, "base_link"))
-    np.testing.assert_allclose(DESCRIPTION.feeder.T_base_link_feeder, T_base_world @ site_pose(data, "feeder"), atol=1e-9)
-    np.testing.assert_allclose(DESCRIPTION.arm.T_base_link_arm_base, T_base_world @ site_pose(data, "arm_base"), atol=1e-9)
+    np.testing.assert_allclose(
+        DESCRIPTION.feeder.T_base_link_feeder, T_base_world @ site_pose(data, "feeder"), atol=1e-9
+    )
+    np.testing.assert_allclose(
+        DESCRIPTION.arm.T_base_link_arm_base, T_base_world @ site_pose(data, "arm_base"), atol=1e-9
+    )
     T_feeder_world = inverse(site_pose(data, "feeder"))
     for marker, position in zip(DESCRIPTION.feeder.marker_ids, DESCRIPTION.feeder.marker_positions, strict=True):
         expected = (T_feeder_world @ site_pose(data, f"marker_{marker}"))[:3, 3]
