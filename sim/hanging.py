@@ -94,9 +94,7 @@ class HangingJudge:
             if passes_through(line, carrier.base, carrier.tip):
                 return carrier
         plants = {self._parts.plants[geom] for geom in touched if self._parts.labels[geom] in _CARRIERS}
-        return next(
-            (c for c in near if c.plant in plants and np.linalg.norm(c.tip - centre) < _REACH_M), None
-        )
+        return next((c for c in near if c.plant in plants and np.linalg.norm(c.tip - centre) < _REACH_M), None)
 
     def _hangs_still(self, loop: LoopReader, line: Array) -> bool:
         ground = float(np.max(self._terrain.height(line[:, :2])))

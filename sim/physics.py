@@ -82,7 +82,7 @@ class Physics:
 
 
 class Replica:
-    """A second state of the same model in which old snapshots are looked at, so that the running one stays untouched."""
+    """A second state of a model in which old snapshots are looked at, so that the running one stays untouched."""
 
     def __init__(self, model: mujoco.MjModel) -> None:
         self.model = model

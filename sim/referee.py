@@ -12,7 +12,7 @@ from grape.geometry import wrap_angle, yaw_of
 from grape.messages import Array, Odometry
 from grape.robots import RobotDescription
 from grape.sim.areas import polygons_touch
-from grape.sim.compose import BASE_BODY, DISPENSER
+from grape.sim.compose import BASE_BODY
 from grape.sim.hanging import DispenserPlace, HangingJudge
 from grape.sim.parts import Part, PartTable
 from grape.sim.physics import Physics
@@ -109,14 +109,34 @@ class Referee:
         """Every pair of parts that touched though they should not."""
         return tuple(self._collisions.values())
 
+    def watch(self) -> None:
+        """Look at the contacts of the last physics step; the simulation calls it after each."""
+        pairs = self._physics.data.contact.geom
+        watched = np.flatnonzero(self._parts.forbidden(pairs))
+        if not watched.size:
+            return
+        forces: dict[tuple[str, str], float] = {}
+        wrench = np.zeros(6)
+        for k in watched:
+            first, second = (int(geom) for geom in pairs[k])
+            mujoco.mj_contactForce(self._physics.model, self._physics.data, int(k), wrench)
+            key = self._parts.pair_names(first, second)
+            forces[key] = forces.get(key, 0.0) + abs(float(wrench[0]))
+            if self._parts.is_a(first, Part.PLANT) or self._parts.is_a(second, Part.PLANT):
+                self._max_plant_force = max(self._max_plant_force, forces[key])
+        for key, force in forces.items():
+            known = self._collisions.setdefault(
+                key, Collision(a=key[0], b=key[1], force_n=0.0, time_s=self._physics.clock.now())
+            )
+            known.force_n = max(known.force_n, force)
+
     def observe(self, estimate: Odometry | None = None) -> None:
-        """Look at the present state; call it once a beat.
+        """Look at where the robot is; call it once a beat.
 
         Args:
             estimate: the robot's own estimate of base_link in the map, to be held against the truth.
         """
-        self._observe_contacts()
-        T_map_base = self._true_pose()
+        T_map_base = self.true_pose()
         error_m = self._compare(T_map_base, estimate)
         step = self._physics.clock.step
         if step % _FENCE_PERIOD_STEPS < 5:
@@ -155,7 +175,8 @@ class Referee:
             "localization": self._errors.summary(),
         }
 
-    def _true_pose(self) -> Array:
+    def true_pose(self) -> Array:
+        """`T_map_base` (4, 4) as it really is."""
         data = self._physics.data
         T = np.eye(4)
         T[:3, :3] = data.xmat[self._base].reshape(3, 3)
@@ -168,24 +189,3 @@ class Referee:
         distance = float(np.linalg.norm(estimate.pose[:2, 3] - T_map_base[:2, 3]))
         self._errors.add(distance, float(wrap_angle(yaw_of(estimate.pose) - yaw_of(T_map_base))))
         return distance
-
-    def _observe_contacts(self) -> None:
-        contacts = self._physics.data.contact
-        if not len(contacts):
-            return
-        pairs = contacts.geom
-        watched = np.flatnonzero(self._parts.forbidden(pairs))
-        forces: dict[tuple[str, str], float] = {}
-        wrench = np.zeros(6)
-        for k in watched:
-            first, second = (int(geom) for geom in pairs[k])
-            mujoco.mj_contactForce(self._physics.model, self._physics.data, int(k), wrench)
-            key = self._parts.pair_names(first, second)
-            forces[key] = forces.get(key, 0.0) + abs(float(wrench[0]))
-            if self._parts.is_a(first, Part.PLANT) or self._parts.is_a(second, Part.PLANT):
-                self._max_plant_force = max(self._max_plant_force, forces[key])
-        for key, force in forces.items():
-            known = self._collisions.setdefault(
-                key, Collision(a=key[0], b=key[1], force_n=0.0, time_s=self._physics.clock.now())
-            )
-            known.force_n = max(known.force_n, force)

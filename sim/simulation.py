@@ -84,6 +84,7 @@ class Simulation:
         for _ in range(steps):
             self._drivers.actuate()
             self._physics.step()
+            self.referee.watch()
             self._drivers.sample(self._physics.clock.step)
         self._physics.check()
 
@@ -92,7 +93,7 @@ class Simulation:
         apply_fault(fault, self._physics, self._drivers)
 
     def render(self, camera: str | View | None = None, width: int = 960, height: int = 720) -> Array:
-        """A picture (h, w, 3) RGB uint8 for people, by a camera of the model or a free one (default: after the robot)."""
+        """A picture (h, w, 3) RGB uint8 by a camera of the model or a free one (default: behind the robot)."""
         size = (width, height)
         if size not in self._renderers:
             self._renderers[size] = Renderer(self._physics.model, width, height, pretty=True)

@@ -80,7 +80,7 @@ class SimulatedArm(SampledSensor[JointState]):
         measured = self._physics.data.qpos[self._qpos]
         if self._target.any() or self._velocity.any():
             self._move(measured)
-        # A position servo with damping trails a moving reference by damping / stiffness x speed: ask for that much more.
+        # A position servo with damping trails a moving reference by damping / stiffness x speed: ask for so much more.
         self._physics.data.ctrl[self._actuators] = self._reference + self._lag_s * self._velocity
 
     def _move(self, measured: Array) -> None:

@@ -37,9 +37,7 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
         seen: makes the model that is rendered, of which any state of `physics` is a state, when it is first needed.
     """
 
-    def __init__(
-        self, physics: Physics, seen: Callable[[], mujoco.MjModel], seed: int, options: CameraOptions
-    ) -> None:
+    def __init__(self, physics: Physics, seen: Callable[[], mujoco.MjModel], seed: int, options: CameraOptions) -> None:
         super().__init__(physics, "camera", options.period_s, options.latency_s)
         self.errors = options.errors
         self._options = options
@@ -52,9 +50,7 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
         focal = 0.5 * options.height / np.tan(0.5 * fovy)
         centre = (0.5 * (options.width - 1), 0.5 * (options.height - 1))
         K = np.array([[focal, 0.0, centre[0]], [0.0, focal, centre[1]], [0.0, 0.0, 1.0]])
-        self.info = CameraInfo(
-            stamp=0.0, frame_id=options.frame_id, width=options.width, height=options.height, K=K
-        )
+        self.info = CameraInfo(stamp=0.0, frame_id=options.frame_id, width=options.width, height=options.height, K=K)
 
     def since(self, stamp: float) -> tuple[RgbdImage, ...]:
         """The newest frame if it is newer than `stamp`; older ones are not rendered."""

@@ -69,7 +69,9 @@ class SampledSensor(ABC, Generic[M]):
             raise StaleData(f"{self._name}: nothing measured yet")
         age_s = self._physics.clock.now() - slots[-1].stamp
         if max_age_s is not None and age_s > max_age_s + 1e-9:
-            raise StaleData(f"{self._name}: the newest message is {age_s:.3f} s old, at most {max_age_s:.3f} s is allowed")
+            raise StaleData(
+                f"{self._name}: the newest message is {age_s:.3f} s old, at most {max_age_s:.3f} s is allowed"
+            )
         return self._message(slots[-1])
 
     def since(self, stamp: float) -> tuple[M, ...]:

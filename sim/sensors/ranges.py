@@ -64,7 +64,8 @@ def spot_rays(origin: Array, directions: Array, axis: Array, spot: BeamSpot) -> 
     across, within = _SPOT_OFFSETS[:, 0], _SPOT_OFFSETS[:, 1]
     spread = across[None, :, None] * axis + within[None, :, None] * along[:, None, :]  # (n, 7, 3)
     widened = (
-        across[None, :, None] * axis * spot.divergence[0] + within[None, :, None] * along[:, None, :] * spot.divergence[1]
+        across[None, :, None] * axis * spot.divergence[0]
+        + within[None, :, None] * along[:, None, :] * spot.divergence[1]
     )
     rays = directions[:, None, :] + 0.5 * widened
     return origin + 0.5 * spot.diameter * spread, rays / np.linalg.norm(rays, axis=2, keepdims=True)

@@ -1,0 +1,41 @@
+"""A small flat world with one vine row, shared by the tests of the simulation."""
+
+import os
+from functools import cache
+
+import pytest
+
+os.environ.setdefault("MUJOCO_GL", "egl")
+
+from grape.robots.husky_jaco2 import DESCRIPTION
+from grape.sim.simulation import Simulation, SimulationOptions
+from grape.sim.worlds import VineyardOptions, generate_vineyard
+
+
+@cache
+def small_world(slope=0.0):
+    """One row of two vines and one nail on smooth ground."""
+    return generate_vineyard(
+        VineyardOptions(rows=1, vines_per_row=2, nails_per_row=1, weeds=0.0, slope=slope, roughness_rms=0.0)
+    )
+
+
+def make(seed=1, dispensers=0, slope=0.0, **options):
+    """A simulation of the small world."""
+    return Simulation(
+        small_world(slope), DESCRIPTION, seed=seed, options=SimulationOptions(dispensers=dispensers, **options)
+    )
+
+
+@pytest.fixture
+def simulate():
+    """`make`, with what it made closed after the test."""
+    made = []
+
+    def build(**options):
+        made.append(make(**options))
+        return made[-1]
+
+    yield build
+    for simulation in made:
+        simulation.close()
