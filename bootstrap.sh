@@ -28,7 +28,7 @@ install_system_packages() {
     has_library 'libEGL\.so\.1' || wanted+=(libegl1)
     has_library 'libGL\.so\.1' || wanted+=(libgl1)
     has_library 'libusb-1\.0\.so\.0' || wanted+=(libusb-1.0-0)
-    [ ${#wanted[@]} -eq 0 ] && return
+    if [ ${#wanted[@]} -eq 0 ]; then return; fi
     if [ "$(id -u)" -ne 0 ]; then
         if ! command -v sudo >/dev/null; then
             say "please install these system packages first (no root, no sudo here): ${wanted[*]}"
@@ -41,19 +41,25 @@ install_system_packages() {
     "${as_root[@]}" env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends "${wanted[@]}" >&2
 }
 
+wanted_stamp() {
+    echo "$(cat "$ROOT/requirements.lock" "$ROOT/requirements-test.lock" "$ROOT/pyproject.toml" | sha256sum) $ROOT"
+}
+
+up_to_date() { [ -x "$VENV/bin/python" ] && [ -f "$VENV/.stamp-$1" ] && [ "$(cat "$VENV/.stamp-$1")" = "$(wanted_stamp)" ]; }
+
 install_packages() { # stamp name, then pip arguments
-    local stamp="$VENV/.stamp-$1" wanted
+    local stamp="$1"
     shift
-    wanted="$(cat "$ROOT/requirements.lock" "$ROOT/requirements-test.lock" "$ROOT/pyproject.toml" | sha256sum) $ROOT"
-    [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$wanted" ] && return
+    if up_to_date "$stamp"; then return; fi
     say "installing packages ($*) …"
     "$VENV/bin/python" -m pip install -q --disable-pip-version-check --no-deps "$@" >&2
     "$VENV/bin/python" -m pip install -q --disable-pip-version-check --no-deps --no-build-isolation -e "$ROOT" >&2
-    printf '%s' "$wanted" >"$stamp"
+    wanted_stamp >"$VENV/.stamp-$stamp"
 }
 
 bootstrap() {
     local python
+    if up_to_date "${1:-run}"; then return; fi
     exec 9>"$ROOT/.bootstrap.lock"
     if command -v flock >/dev/null; then flock 9; fi
     if ! [ -x "$VENV/bin/python" ] || ! "$VENV/bin/python" -m pip --version >/dev/null 2>&1; then

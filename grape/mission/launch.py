@@ -129,8 +129,8 @@ def write_inputs(mission: Mission, folder: Path) -> None:
     write_atomic(folder / "tree.xml", mission.tree.read_text(encoding="utf-8"))
     save_site(mission.site, folder / "site.geojson")
     yaml = YAML(typ="safe", pure=True)
-    yaml.default_flow_style = False  # type: ignore[assignment]
-    yaml.sort_base_mapping_type_on_output = False
+    yaml.default_flow_style = False
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     text = io.StringIO()
     yaml.dump({**mission.resolved(), "tree": "tree.xml"}, text)
     write_atomic(folder / "mission.yaml", text.getvalue())
