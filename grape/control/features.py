@@ -43,10 +43,12 @@ def square_depths(xy: Array, side: float) -> Array:
 
 def interaction_matrix(xy: Array, depth: Array) -> Array:
     """(2 n, 6): how normalised points (n, 2) at depths (n,) m move with the camera's twist (optical frame)."""
-    x, y, iz, zero = xy[:, 0], xy[:, 1], 1.0 / depth, np.zeros(len(xy))
-    row_x = np.stack([-iz, zero, x * iz, x * y, -(1 + x * x), y], axis=1)
-    row_y = np.stack([zero, -iz, y * iz, 1 + y * y, -x * y, -x], axis=1)
-    return np.stack([row_x, row_y], axis=1).reshape(-1, 6)
+    x, y, iz = xy[:, 0], xy[:, 1], 1.0 / depth
+    L = np.zeros((len(xy), 2, 6))
+    L[:, 0, 0] = L[:, 1, 1] = -iz
+    L[:, 0, 2], L[:, 0, 3], L[:, 0, 4], L[:, 0, 5] = x * iz, x * y, -(1 + x * x), y
+    L[:, 1, 2], L[:, 1, 3], L[:, 1, 4], L[:, 1, 5] = y * iz, 1 + y * y, -x * y, -x
+    return L.reshape(-1, 6)
 
 
 def adaptive_gain(error: float, at_zero: float, at_infinity: float, slope: float) -> float:

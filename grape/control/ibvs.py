@@ -207,19 +207,17 @@ class MarkerServo:
 
     def _servo_twist(self, T_base_camera: Array, speed: float) -> Array:
         """-gain L^+ (s - s*) plus the motion of s*, turned into the base axes."""
-        T_camera_base, standoff = inverse(T_base_camera), self.state.standoff_m
-        errors, rows = [], []
-        for i, corners in self._corners.items():
-            points, desired = transform(T_camera_base, corners), transform(self._targets[i](standoff), self._square)
-            xy, xy_desired = project(points), project(desired)
-            errors.append((xy - xy_desired).ravel())
-            rows.append(0.5 * (interaction_matrix(xy, points[:, 2]) + interaction_matrix(xy_desired, desired[:, 2])))
-        error = np.concatenate(errors)
+        standoff = self.state.standoff_m
+        points = transform(inverse(T_base_camera), np.concatenate([*self._corners.values()]))
+        desired = np.concatenate([transform(self._targets[i](standoff), self._square) for i in self._corners])
+        xy, xy_desired = project(points), project(desired)
+        error = (xy - xy_desired).ravel()
+        L = interaction_matrix(0.5 * (xy + xy_desired), 0.5 * (points[:, 2] + desired[:, 2]))
         options = self.options
         gain = adaptive_gain(
             float(np.abs(error).max()), options.gain_at_zero, options.gain_at_infinity, options.gain_slope
         )
-        v_camera = -gain * np.linalg.lstsq(np.concatenate(rows), error, rcond=None)[0]
+        v_camera = -gain * np.linalg.solve(L.T @ L + 1e-9 * np.eye(6), L.T @ error)
         if speed > 0.0:
             v_camera = v_camera + view_velocity(self._targets[next(iter(self._corners))], standoff, speed)
         R = T_base_camera[:3, :3]

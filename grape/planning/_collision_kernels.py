@@ -142,38 +142,38 @@ def sphere_centers(q, chain, spheres):
 
 @njit(cache=True, error_model="numpy")
 def _least_clearance(q, model, scene, padding, self_padding, stop, centers):
-    """(clearance, kind, sphere, other) of the nearest thing; returns early once a clearance is below `stop`."""
-    chain, spheres, pairs, boxes, mask = model
+    """(clearance, kind, sphere, other) of the nearest thing; returns early once a clearance is below `stop`.
+
+    A capsule whose middle is farther away than its half length plus the best clearance so far is passed over.
+    """
+    chain, spheres, capsules, pairs, boxes, mask = model
     field, grid = scene
     _centers(q, chain, spheres, centers)
     best, kind, first, second = grid[4], NOTHING, -1, -1
-    for s in range(len(spheres) - 1, -1, -1):  # the hand first: it hits most often
-        gap = spheres[s, 4] + padding
-        x, y, z = centers[s, 0], centers[s, 1], centers[s, 2]
-        distance = _field_at(x, y, z, field, grid)
-        d = distance - gap
-        if d < best:
-            best, first, second = d, s, -1
-            kind = CLOUD if distance < grid[4] - 1e-6 else NOTHING
-            if best < stop:
-                return best, kind, first, second
+    for c in range(len(capsules) - 1, -1, -1):  # the hand first: it hits most often
+        s0, s1 = int(capsules[c, 0]), int(capsules[c, 1])
+        around = capsules[c, 2] + padding
+        mx = 0.5 * (centers[s0, 0] + centers[s1, 0])
+        my = 0.5 * (centers[s0, 1] + centers[s1, 1])
+        mz = 0.5 * (centers[s0, 2] + centers[s1, 2])
+        if _field_at(mx, my, mz, field, grid) - around - grid[3] < best:  # a voxel covers the interpolation
+            for s in range(s1, s0 - 1, -1):
+                distance = _field_at(centers[s, 0], centers[s, 1], centers[s, 2], field, grid)
+                d = distance - spheres[s, 4] - padding
+                if d < best:
+                    best, first, second = d, s, -1
+                    kind = CLOUD if distance < grid[4] - 1e-6 else NOTHING
+                    if best < stop:
+                        return best, kind, first, second
         for b in range(len(boxes)):
-            if not mask[s, b]:
+            if not mask[c, b] or _box_distance(mx, my, mz, boxes[b]) - around >= best:
                 continue
-            dx = abs(x - boxes[b, 0]) - boxes[b, 3]
-            dy = abs(y - boxes[b, 1]) - boxes[b, 4]
-            dz = abs(z - boxes[b, 2]) - boxes[b, 5]
-            inside = max(dx, dy, dz)
-            if inside - gap >= best:
-                continue
-            if inside > 0.0:
-                dx, dy, dz = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
-                inside = np.sqrt(dx * dx + dy * dy + dz * dz)
-            d = inside - gap
-            if d < best:
-                best, kind, first, second = d, BOX, s, b
-                if best < stop:
-                    return best, kind, first, second
+            for s in range(s1, s0 - 1, -1):
+                d = _box_distance(centers[s, 0], centers[s, 1], centers[s, 2], boxes[b]) - spheres[s, 4] - padding
+                if d < best:
+                    best, kind, first, second = d, BOX, s, b
+                    if best < stop:
+                        return best, kind, first, second
     for k in range(len(pairs)):
         a0, a1, b0, b1 = int(pairs[k, 0]), int(pairs[k, 1]), int(pairs[k, 2]), int(pairs[k, 3])
         dx = 0.5 * (centers[a0, 0] + centers[a1, 0] - centers[b0, 0] - centers[b1, 0])
@@ -195,6 +195,17 @@ def _least_clearance(q, model, scene, padding, self_padding, stop, centers):
                 if best < stop:
                     return best, kind, first, second
     return best, kind, first, second
+
+
+@njit(cache=True, error_model="numpy")
+def _box_distance(x, y, z, box):
+    """Distance of a point from a box (centre, half size), negative inside."""
+    dx, dy, dz = abs(x - box[0]) - box[3], abs(y - box[1]) - box[4], abs(z - box[2]) - box[5]
+    inside = max(dx, dy, dz)
+    if inside <= 0.0:
+        return inside
+    dx, dy, dz = max(dx, 0.0), max(dy, 0.0), max(dz, 0.0)
+    return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
 @njit(cache=True)

@@ -71,7 +71,14 @@ class StateChecker:
         self.model = model
         self.field = field or empty_field()
         self.options = options or CheckerOptions()
-        self._model = (model.placements, model.spheres, model.capsule_pairs, model.box_table, model.box_mask)
+        self._model = (
+            model.placements,
+            model.spheres,
+            model.capsule_table,
+            model.capsule_pairs,
+            model.box_table,
+            model.box_mask,
+        )
         self._scene = (self.field.distance, self.field.grid)
         self._kernels = _collision_kernels
         self.checked = 0  # states looked at since the start, a measure of work that no clock disturbs

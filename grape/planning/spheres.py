@@ -55,10 +55,11 @@ class SphereModel:
         capsules, boxes, link_pairs: what it was built from.
         spheres: (m, 5) joint, x, y, z, radius, sorted by joint.
         links: name of the link of each sphere.
+        capsule_table: (c, 3) first and last sphere of each capsule, and half its length with its ends, m.
         capsule_pairs: (k, 5) first and last sphere of two capsules that must not touch, and the distance of their
             middles above which they cannot.
         box_table: (b, 6) centre and half size.
-        box_mask: (m, b) whether a sphere is checked against a box.
+        box_mask: (c, b) whether a capsule is checked against a box.
         reach: (n,) m, the farthest that any sphere's surface can be from the axis of joint i.
     """
 
@@ -68,6 +69,7 @@ class SphereModel:
     link_pairs: tuple[tuple[str, str], ...]
     spheres: Array
     links: tuple[str, ...]
+    capsule_table: Array
     capsule_pairs: Array
     box_table: Array
     box_mask: Array
@@ -129,9 +131,9 @@ def build_sphere_model(
         covered = cover_capsule(capsule)
         rows.append(covered)
         links += [capsule.link] * len(covered)
-    spheres = np.concatenate(rows)
+    spheres, table = np.concatenate(rows), _capsule_table(rows)
     box_table = np.array([[*box.center, *box.half_size] for box in boxes], dtype=float).reshape(-1, 6)
-    box_mask = np.array([[link not in box.ignore_links for box in boxes] for link in links], dtype=bool)
+    box_mask = np.array([[c.link not in box.ignore_links for box in boxes] for c in capsules], dtype=bool)
     return SphereModel(
         placements=placements,
         capsules=capsules,
@@ -139,9 +141,10 @@ def build_sphere_model(
         link_pairs=link_pairs,
         spheres=frozen_array(spheres),
         links=tuple(links),
-        capsule_pairs=frozen_array(_capsule_pairs(capsules, rows, link_pairs)),
+        capsule_table=frozen_array(table),
+        capsule_pairs=frozen_array(_capsule_pairs(capsules, table, link_pairs)),
         box_table=frozen_array(box_table),
-        box_mask=frozen_array(box_mask.reshape(len(links), len(boxes))),
+        box_mask=frozen_array(box_mask.reshape(len(capsules), len(boxes))),
         reach=frozen_array(_reach(placements, spheres)),
     )
 
@@ -178,15 +181,18 @@ def _check(
             raise InvalidInput(f"unknown link {name!r}; allowed: {sorted(names)} {did_you_mean(name, names)}".rstrip())
 
 
-def _capsule_pairs(
-    capsules: tuple[LinkCapsule, ...], rows: list[Array], link_pairs: tuple[tuple[str, str], ...]
-) -> Array:
-    """Every pair of capsules of the paired links, (k, 5); the spheres of a capsule follow one another."""
+def _capsule_table(rows: list[Array]) -> Array:
+    """(c, 3), see `SphereModel`; the spheres of a capsule follow one another."""
     ends = np.cumsum([len(row) for row in rows])
-    members = {name: [i for i, c in enumerate(capsules) if c.link == name] for name in {c.link for c in capsules}}
     half = [0.5 * float(np.linalg.norm(row[-1, 1:4] - row[0, 1:4])) + row[0, 4] for row in rows]
+    return np.column_stack([ends - [len(row) for row in rows], ends - 1, half])
+
+
+def _capsule_pairs(capsules: tuple[LinkCapsule, ...], table: Array, link_pairs: tuple[tuple[str, str], ...]) -> Array:
+    """Every pair of capsules of the paired links, (k, 5)."""
+    members = {name: [i for i, c in enumerate(capsules) if c.link == name] for name in {c.link for c in capsules}}
     pairs = [
-        (ends[i] - len(rows[i]), ends[i] - 1, ends[j] - len(rows[j]), ends[j] - 1, half[i] + half[j])
+        (*table[i, :2], *table[j, :2], table[i, 2] + table[j, 2])
         for a, b in link_pairs
         for i in members[a]
         for j in members[b]

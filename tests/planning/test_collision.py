@@ -41,10 +41,10 @@ def clearances(model, c, cloud_distance):
     radius = model.spheres[:, 4]
     cloud = (cloud_distance(c) - radius).min()
     boxes = np.inf
-    for k, box in enumerate(model.boxes):
+    for box in model.boxes:
         outside = np.maximum(np.abs(c - box.center) - box.half_size, 0.0)
         gaps = np.linalg.norm(outside, axis=1) - radius
-        boxes = min(boxes, gaps[model.box_mask[:, k]].min())
+        boxes = min(boxes, gaps[[link not in box.ignore_links for link in model.links]].min())
     own = np.inf
     for a, b in model.link_pairs:
         i, j = (np.flatnonzero(np.array(model.links) == name) for name in (a, b))
