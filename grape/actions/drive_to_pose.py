@@ -32,6 +32,8 @@ MAX_AGE_S = 0.30  # of pose and scan
 PATIENCE_S = 1.0  # with stale data, standing
 BLOCKED_S = 15.0  # with something in the way that does not go
 REPLAN_S = 2.0
+MAX_REPLANS = 8
+DETOUR_S = 6.0  # standing before a long way around is taken: who walked in may leave
 STUCK_S = 12.0  # without coming nearer
 
 
@@ -142,12 +144,18 @@ class _Drive:
         self.wants_plan = False
         self._due["replan"] = self._ctx.clock.now() + REPLAN_S
         try:
-            self._path = yield from self._ctx.jobs.run(plan_route, *self._plan_arguments())
+            path = yield from self._ctx.jobs.run(plan_route, *self._plan_arguments())
         except ActionFailed as failure:
             self._blocked_by = failure.detail
             return
+        left = self._path.length - self._state.travelled if self._path is not None else 0.0
+        if path.length > 1.5 * left + 2.0 and self._ctx.clock.now() - self._free_s < DETOUR_S:
+            return
+        self._path = path
         self._replans += 1
-        self._ctx.log.event("replanned", length_m=self._path.length, reason=self._blocked_by)
+        if self._replans > MAX_REPLANS:
+            raise ActionFailed(Reason.BLOCKED, f"{MAX_REPLANS} detours did not lead past what is in the way")
+        self._ctx.log.event("replanned", length_m=path.length, reason=self._blocked_by)
         self._start_path()
 
     def beat(self, base: BaseDriver) -> None:

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
+from grape.actions.obstacles import OBSTACLES, Obstacles
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, GoalRejected, Reason, did_you_mean
 from grape.geometry import interpolate
 from grape.kinematics import IkSolution, inverse_all, inverse_path
 from grape.messages import Array
-from grape.planning import StateChecker, StaticBox, build_distance_field
+from grape.planning import StateChecker, StaticBox
 from grape.trajectory import TimingOptions, Trajectory, time_path
 
 TIMING = TimingOptions(speed=0.95, acceleration=0.8)
-OBSTACLES = "obstacles"  # in world.committed: (n, 3) m, what was seen around the arm, in base_link
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +86,7 @@ def find_postures(
     boxes: tuple[StaticBox, ...] = (),
     touch: tuple[Array, float] | None = None,
     touch_boxes: tuple[str, ...] = (),
+    holding: bool | None = None,
 ) -> list[Array]:
     """Joint angles, best first, that put the hand at the first pose of a line and can follow the line without collision.
 
@@ -95,10 +96,11 @@ def find_postures(
         boxes: more obstacles around the first pose; the rest of the line may be inside them.
         touch: (centre (3,) m, radius m) of what the rest of the line may touch.
         touch_boxes: names of boxes of the base that it may enter.
+        holding: whether a dispenser is in the hand at the first pose; None asks the ledger.
     """
     robot = ctx.robot
-    checker = checker_for(ctx, boxes)
-    on_line = checker_for(ctx, carve=() if touch is None else (touch,), without=touch_boxes, empty_hand=True)
+    checker = checker_for(ctx, boxes, holding=holding)
+    on_line = checker_for(ctx, carve=() if touch is None else (touch,), without=touch_boxes, holding=False)
     start = ctx.world.joints()
     steps = _densely([robot.in_arm_base(T) for T in line])
     found: list[tuple[float, Array]] = []
@@ -122,23 +124,25 @@ def checker_for(
     *,
     carve: Sequence[tuple[Array, float]] = (),
     without: Sequence[str] = (),
-    empty_hand: bool = False,
+    holding: bool | None = None,
 ) -> StateChecker:
     """A collision checker against what was perceived, the robot's own boxes, and more boxes.
 
     Args:
-        ctx: for robot, world and ledger; a dispenser in the hand counts as part of the arm.
+        ctx: for robot, world and ledger; 
         boxes: more obstacles in base_link.
         carve: (centre (3,) m, radius m) of places that may be touched.
         without: names of boxes of the base that do not count.
-        empty_hand: leave a held dispenser out: it is soft, and it is there to touch the vine.
+        holding: whether a dispenser counts as part of the arm; None asks the ledger. Where it is there to touch the
+            vine it is left out: it is soft.
     """
-    holding = not empty_hand and ctx.ledger.dispensers().get("hand", 0) > 0
+    if holding is None:
+        holding = ctx.ledger.dispensers().get("hand", 0) > 0
     body = ctx.robot.loaded_body if holding else ctx.robot.body
     if boxes or without:
         body = body.with_boxes((*(box for box in body.boxes if box.name not in without), *boxes))
-    cloud = ctx.world.committed.get(OBSTACLES)
-    return StateChecker(body, None if cloud is None else build_distance_field(cloud, carve=carve))
+    obstacles: Obstacles | None = ctx.world.committed.get(OBSTACLES)
+    return StateChecker(body, None if obstacles is None else obstacles.field(carve))
 
 
 def move_to_joints(

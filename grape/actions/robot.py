@@ -13,8 +13,9 @@ from grape.messages import Array
 from grape.planning import JointPlanner, LinkCapsule, SphereModel, StaticBox, build_sphere_model
 
 _FINGER_RADIUS_M = 0.016
-_LOOP_HALF_LENGTH_M = 0.075
-_LOOP_RADIUS_M = 0.028
+_LOOP_HALF_LENGTH_M = 0.065
+_LOOP_HALF_WIDTH_M = 0.022
+_LOOP_RADIUS_M = 0.010
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +135,8 @@ def _fingers(description: Any, hand: HandModel, joint: int) -> list[LinkCapsule]
 def _held_loop(description: Any, hand: HandModel, joint: int) -> list[LinkCapsule]:
     nails = hand.T_hand_nails(description.gripper.open_angle)[:3, 3]
     half = np.array([0.0, _LOOP_HALF_LENGTH_M, 0.0])
-    return [_capsule("dispenser", joint, nails - half, nails + half, _LOOP_RADIUS_M)]
+    strands = [nails + np.array([side * _LOOP_HALF_WIDTH_M, 0.0, 0.0]) for side in (-1.0, 1.0)]
+    return [_capsule("dispenser", joint, strand - half, strand + half, _LOOP_RADIUS_M) for strand in strands]
 
 
 def _link_pairs(links: list[str]) -> list[tuple[str, str]]:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
-from grape.actions.move_arm import OBSTACLES
+from grape.actions.obstacles import OBSTACLES
 from grape.navigation.route import RouteOptions, park_beside
 
 PARKED = "parked"  # in world.committed: (plant, place) of the present stop

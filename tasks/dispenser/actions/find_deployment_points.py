@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.move_arm import OBSTACLES, find_postures
+from grape.actions.move_arm import find_postures
+from grape.actions.obstacles import OBSTACLES, Obstacles
 from grape.errors import ActionFailed, Reason
 from grape.geometry import transform
 from grape.messages import Array
@@ -19,6 +20,8 @@ from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
 from grape.tasks.dispenser.perception.spurs import extract_poses, merge_poses
 from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, row_distance
 from grape.tasks.dispenser.targets import HangTarget
+
+OWN_HAND = (np.array([-0.13, -0.13, -0.30]), np.array([0.13, 0.13, 0.10]))  # m, corners in the hand's frame
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +61,7 @@ def find_deployment_points(
 ) -> Generator[Feedback, None, FindDeploymentPointsResult]:
     """Extracts spurs from the scan, ranks them and keeps those that the hand reaches without touching the vine."""
     poses, cloud = yield from ctx.jobs.run(extract, goal, row_distance(ctx, goal.plant))
-    ctx.world.committed[OBSTACLES] = cloud
+    ctx.world.committed[OBSTACLES] = Obstacles(cloud)
     ctx.log.event(
         "deployment_poses",
         plant=goal.plant,
@@ -93,7 +96,7 @@ def extract(goal: FindDeploymentPointsGoal, row_y: float) -> tuple[tuple[Deploym
     high = np.array([2.0, row_y + goal.depth_m, goal.height_m[1] - GROUND_CLEARANCE_M])
     frames, views = [], []
     for image, T_base_camera in zip(scan.images, scan.T_base_camera, strict=True):
-        points = transform(T_base_camera, image_to_points(image))
+        points = transform(T_base_camera, _without_hand(image_to_points(image), scan.T_hand_camera))
         frames.append(points)
         vine = points[crop_mask(points, low, high)]
         views.append(extract_poses(vine, T_base_camera[None, :3, 3]))
@@ -106,6 +109,12 @@ def extract(goal: FindDeploymentPointsGoal, row_y: float) -> tuple[tuple[Deploym
         return merge_poses(views), cloud
     vine = lidar[crop_mask(lidar, low, high)]
     return extract_poses(vine, sweep.origins[:: max(1, len(sweep.origins) // 20)]), cloud
+
+
+def _without_hand(points: Array, T_hand_camera: Array) -> Array:
+    """Points (n, 3) of the optical frame that are not the robot's own hand and fingers."""
+    own = crop_mask(transform(T_hand_camera, points), *OWN_HAND)
+    return points[~own]
 
 
 def _reachable(goal: FindDeploymentPointsGoal, ctx: Context, found: DeploymentPose) -> HangTarget | None:
@@ -124,6 +133,6 @@ def _reachable(goal: FindDeploymentPointsGoal, ctx: Context, found: DeploymentPo
         for azimuth in goal.azimuths:
             candidate = replace(target, pitch=pitch, azimuth=azimuth)
             line = (candidate.hand_pose(T_hand_nails, 0.10), candidate.hand_pose(T_hand_nails, 0.0))
-            if find_postures(ctx, line, (), (candidate.tip, 0.12)):
+            if find_postures(ctx, line, touch=(candidate.tip, 0.12), holding=True):
                 return candidate
     return None

@@ -10,6 +10,7 @@ import numpy as np
 from grape.actions.core import Context, Feedback, action
 from grape.actions.hand_path import follow_hand_path
 from grape.actions.move_arm import move_to_pose
+from grape.actions.servoing import camera_mount
 from grape.errors import ActionFailed, Reason, StaleData
 from grape.geometry import pose, rotation_x, rotation_z
 from grape.messages import Array, LaserScan, RgbdImage
@@ -44,11 +45,12 @@ class ScanVineGoal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VineScan:
-    """What a sweep saw, in base_link: LiDAR returns, and depth frames with the camera's poses."""
+    """What a sweep saw, in base_link: LiDAR returns, and depth frames with the camera's poses and its mount."""
 
     sweep: Sweep
     images: tuple[RgbdImage, ...]
     T_base_camera: tuple[Array, ...]
+    T_hand_camera: Array
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,7 +142,7 @@ class _Collector:
         stamped = [frames.lookup("base_link", WRIST_LIDAR, scan.stamp) for scan in self._scans]
         ends = [frames.lookup("base_link", WRIST_LIDAR, scan.stamp + scan.scan_time) for scan in self._scans]
         sweep = assemble(
-            self._scans, stamped, AssembleOptions(range_m=(0.10, 1.2), bearing_rad=(-1.3, 1.3)), T_map_lidar_end=ends
+            self._scans, stamped, AssembleOptions(range_m=(0.30, 1.2), bearing_rad=(-1.3, 1.3)), T_map_lidar_end=ends
         )
         cameras = tuple(frames.lookup("base_link", "camera_optical", image.stamp) for image in self._images)
-        return VineScan(sweep=sweep, images=tuple(self._images), T_base_camera=cameras)
+        return VineScan(sweep=sweep, images=tuple(self._images), T_base_camera=cameras, T_hand_camera=camera_mount(self._ctx))

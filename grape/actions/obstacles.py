@@ -1,0 +1,29 @@
+"""What was perceived around the arm, as the planners need it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from grape.messages import Array, frozen_array
+from grape.planning import DistanceField, build_distance_field
+
+OBSTACLES = "obstacles"  # where it is committed in the world; valid until the base moves
+
+
+class Obstacles:
+    """A cloud in base_link and its distance fields, each computed once.
+
+    Args:
+        cloud: (n, 3) m.
+    """
+
+    def __init__(self, cloud: Array) -> None:
+        self.cloud = frozen_array(cloud, float)
+        self._fields: dict[tuple[tuple[float, ...], ...], DistanceField] = {}
+
+    def field(self, carve: Sequence[tuple[Array, float]] = ()) -> DistanceField:
+        """The distance field without what is inside balls (centre (3,) m, radius m)."""
+        key = tuple((*(float(v) for v in centre), float(radius)) for centre, radius in carve)
+        if key not in self._fields:
+            self._fields[key] = build_distance_field(self.cloud, carve=carve)
+        return self._fields[key]
