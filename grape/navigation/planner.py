@@ -24,7 +24,8 @@ class PlannerOptions:
         spacing: between poses.
         turn_radius: of rounded corners.
         approach: straight piece before the goal, along its heading; the shorter ones are tried when it is blocked.
-        on_line: a start this near to the goal's line is joined to it without a detour.
+        on_line: a start this near to the goal's line is joined to it without a detour; `near_line` within `near` of
+            the goal, where the follower backs off for another approach when it comes in too far aside.
         reverse_limit: a goal on the line behind the robot is reached backwards up to this distance.
     """
 
@@ -33,6 +34,8 @@ class PlannerOptions:
     turn_radius: float = 0.7
     approach: tuple[float, ...] = (1.5, 0.8, 0.3)
     on_line: float = 0.15
+    near_line: float = 0.5
+    near: float = 1.5
     reverse_limit: float = 3.0
     footprint: Footprint = field(default_factory=Footprint)
 
@@ -84,7 +87,8 @@ def path_blocked(costmap: Costmap, path: Path, since: float, until: float, footp
 def _on_goal_line(costmap: Costmap, start: Array, goal: Array, options: PlannerOptions) -> Path | None:
     """The straight way along the goal's line when the robot is on it, forwards or a little backwards."""
     along, across, yaw = in_frame_of(start, goal)
-    if abs(across) > options.on_line or abs(yaw) > 0.5 or along > options.reverse_limit:
+    aside = options.near_line if abs(along) < options.near else options.on_line
+    if abs(across) > aside or abs(yaw) > 0.5 or along > options.reverse_limit:
         return None
     sign = 1.0 if along > 0 else -1.0
     heading = np.array([np.cos(goal[2]), np.sin(goal[2])])

@@ -35,6 +35,7 @@ class RouteOptions:
         offset: plant before or behind the arm base, along the driving direction.
         zone: half-width of the prohibited strip along a row.
         zone_ahead: the strip goes on past the row's ends by this much.
+        behind: a goal in the same aisle this far behind is reached backwards.
         headland: how far past the row's end the robot turns.
     """
 
@@ -43,6 +44,7 @@ class RouteOptions:
     offset: float = 0.22
     zone: float = 0.28
     zone_ahead: float = 0.30
+    behind: float = 2.0
     headland: float = 1.6
 
 
@@ -119,7 +121,7 @@ def waypoints(rows: Sequence[RowLine], start: Array, goal: Array, options: Route
     margin = options.headland
     start_inside, goal_inside = low - 0.5 < s0 < high + 0.5, low - 0.5 < s1 < high + 0.5
     forward = np.sign(np.cos(goal[2] - np.arctan2(axis[1], axis[0])))
-    if start_inside and goal_inside and _same_lane(start, goal, t0, t1):
+    if start_inside and goal_inside and _same_aisle(rows, across, start, goal, options):
         return goal[None]
     stops: list[tuple[float, float]] = []
     if start_inside:
@@ -139,8 +141,13 @@ def waypoints(rows: Sequence[RowLine], start: Array, goal: Array, options: Route
     return _with_yaw(start, points, goal)
 
 
-def _same_lane(start: Array, goal: Array, t0: float, t1: float) -> bool:
-    return abs(t0 - t1) < 0.5 and abs(float(wrap_angle(float(start[2] - goal[2])))) < 0.5
+def _same_aisle(rows: Sequence[RowLine], across: Array, start: Array, goal: Array, options: RouteOptions) -> bool:
+    """Whether no row lies between the poses, they face the same way, and the goal is not far behind."""
+    t0, t1 = sorted((float(start[:2] @ across), float(goal[:2] @ across)))
+    between = [row.id for row in rows if t0 < float(np.mean(row.line @ across)) < t1]
+    heading = np.array([np.cos(goal[2]), np.sin(goal[2])])
+    same_way = abs(float(wrap_angle(float(start[2] - goal[2])))) < 1.0
+    return not between and same_way and float((goal[:2] - start[:2]) @ heading) > -options.behind
 
 
 def _around(

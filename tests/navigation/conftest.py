@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ from grape.navigation.costmap import ObstacleLayer, PolygonLayer, layered_costma
 from grape.navigation.follower import FollowerState, Phase, PurePursuit, PursuitOptions
 from grape.navigation.grid import Costmap, Footprint, GridSpec
 from grape.navigation.monitor import speed_factor
-from grape.navigation.planner import PlannerOptions, plan_route
+from grape.navigation.planner import PlannerOptions, path_blocked, plan_route
 from grape.navigation.route import row_zones, waypoints
 
 T_BASE_LASER = make_pose(translation=(0.45, 0.0, 0.20))
@@ -137,7 +137,7 @@ def go(
     obstacles = ObstacleLayer(GridSpec.window(robot.pose, 10.0))
     global_map = layered_costmap(spec, [zones])
     path = plan_route(global_map, robot.estimate(), waypoints(yard.rows, robot.estimate(), goal), PlannerOptions())
-    state, end_s, beat = FollowerState(), robot.time_s + limit_s, 0
+    state, end_s, replan_s, beat = FollowerState(), robot.time_s + limit_s, 0.0, 0
     while robot.time_s < end_s:
         estimate = robot.estimate()
         if beat % 2 == 0:
@@ -151,11 +151,15 @@ def go(
         state = step.state
         if state.phase in (Phase.REACHED, Phase.FAILED):
             break
-        if step.blocked and state.blocked_s > 1.0:
+        factor = speed_factor(step.v, step.w, points)
+        if factor == 0.0:
+            state = replace(state, command=(0.0, 0.0))
+        in_way = path_blocked(local, path, state.travelled + 0.3, state.travelled + 4.0, Footprint())
+        if in_way and robot.time_s > replan_s:
+            replan_s = robot.time_s + 2.0
             world = layered_costmap(spec, [zones, obstacles])
             path = plan_route(world, estimate, waypoints(yard.rows, estimate, goal), PlannerOptions())
             state = FollowerState(command=state.command, turn_gain=state.turn_gain)
-        factor = speed_factor(step.v, step.w, points)
         robot.drive(factor * step.v, factor * step.w, dt)
         beat += 1
     return state.phase

@@ -1,0 +1,236 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from grape.actions import core
+from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
+from grape.drivers import Drivers
+from grape.errors import ActionFailed, GoalRejected, Reason, StaleData
+from grape.geodesy import Datum
+from grape.geometry import pose as make_pose
+from grape.geometry import rotation_z
+from grape.messages import JointState, LaserScan, Odometry, Twist
+from grape.navigation.path import in_frame_of
+from grape.site import Area, Row, Site
+from grape.world import World
+
+T_BASE_LASER = make_pose(translation=(0.45, 0.0, 0.20))
+
+
+class Machine:
+    """Clock, base, laser and pose estimate of a kinematic robot."""
+
+    def __init__(self, scan: Callable[..., LaserScan], pose: tuple[float, float, float]) -> None:
+        self.pose, self.time_s = np.array(pose), 0.0
+        self.v = self.w = 0.0
+        self.circles = np.array([[90.0, 90.0, 0.1]])
+        self.stops = 0
+        self.laser_works = self.localized = True
+        self._scan, self._rng = scan, np.random.default_rng(1)
+
+    def now(self) -> float:
+        return self.time_s
+
+    def send(self, linear_x: float, angular_z: float) -> Twist:
+        self.v, self.w = linear_x, angular_z
+        return Twist(stamp=self.time_s, linear=np.array([self.v, 0, 0]), angular=np.array([0, 0, self.w]))
+
+    def stop(self) -> None:
+        self.v = self.w = 0.0
+        self.stops += 1
+
+    def latest(self, max_age_s: float | None = None) -> Any:
+        if not self.laser_works:
+            raise StaleData("front_laser: nothing")
+        if max_age_s is None:
+            return JointState(stamp=0.0, name=(), position=np.zeros(0), velocity=np.zeros(0), effort=np.zeros(0))
+        scan = self._scan(self.circles, self.pose, self._rng)
+        object.__setattr__(scan, "stamp", self.time_s)
+        return scan
+
+    def advance(self, world: World, dt: float = 0.01) -> None:
+        x, y, yaw = self.pose
+        self.pose = np.array([x + self.v * np.cos(yaw) * dt, y + self.v * np.sin(yaw) * dt, yaw + 0.8 * self.w * dt])
+        self.time_s += dt
+        self.estimate(world)
+
+    def estimate(self, world: World) -> None:
+        T = make_pose(rotation_z(self.pose[2]), (self.pose[0], self.pose[1], 0.132))
+        world.localized = self.localized
+        world.odometry = Odometry(
+            stamp=self.time_s,
+            frame_id="map",
+            child_frame_id="base_link",
+            pose=T,
+            linear=np.array([self.v, 0.0, 0.0]),
+            angular=np.array([0.0, 0.0, 0.8 * self.w]),
+            pose_covariance=np.zeros((6, 6)),
+            twist_covariance=np.zeros((6, 6)),
+        )
+        world.frames.push("map", "base_link", T, self.time_s)
+
+
+def site(*fences: Area) -> Site:
+    row = Row(id="r0", side="right", line=np.array([[0.0, 0.0], [8.0, 0.0]]))
+    ground = Area(id="h", polygon=np.array([[-4.0, -3.0], [12.0, -3.0], [12.0, 3.0], [-4.0, 3.0]]))
+    return Site(
+        datum=Datum(latitude_deg=42.0, longitude_deg=3.0),
+        rows=(row,),
+        plants=(),
+        headlands=(ground,),
+        fences=fences,
+        start=np.array([-3.0, -0.8]),
+        start_heading_rad=0.0,
+    )
+
+
+@pytest.fixture
+def setting(scan):
+    def make(pose=(-3.0, -0.8, 0.0), fences: tuple[Area, ...] = ()) -> tuple[Machine, core.Context]:
+        machine = Machine(scan, pose)
+        base = SimpleNamespace(max_linear=1.0, footprint=np.array([[0.495, 0.343], [-0.495, -0.343]]))
+        mount = SimpleNamespace(parent="base_link", T_parent_sensor=T_BASE_LASER)
+        description = SimpleNamespace(
+            base=base, mounts={"front_laser": mount}, T_base_link_sensor=lambda name: T_BASE_LASER
+        )
+        none: Any = SimpleNamespace(stop=lambda: None)
+        drivers = Drivers(
+            base=machine, arm=none, gripper=none, camera=none, imu=none, gnss=none, scans={"front_laser": machine}
+        )
+        log: Any = SimpleNamespace(event=lambda kind, **fields: None)
+        ctx = core.Context(
+            clock=machine,
+            world=World(site=site(*fences)),
+            drivers=drivers,
+            robot=SimpleNamespace(description=description),
+            jobs=core.InlineJobs(),
+            log=log,
+            ledger=none,
+            rng=np.random.default_rng(0),
+        )
+        machine.estimate(ctx.world)
+        return machine, ctx
+
+    return make
+
+
+def drive(machine: Machine, ctx: core.Context, goal: DriveGoal, on_beat=lambda t: None, limit_s: float = 120.0):
+    """Run the action to its end; returns its result and the feedback it gave."""
+    run, feedback = drive_to_pose(goal, ctx), []
+    try:
+        while machine.time_s < limit_s:
+            feedback.append(next(run))
+            on_beat(machine.time_s)
+            machine.advance(ctx.world)
+    except StopIteration as stop:
+        return stop.value, feedback
+    raise AssertionError(f"still driving after {limit_s} s: {feedback[-1]}")
+
+
+def test_robot_arrives_stops_and_tells_progress(setting):
+    machine, ctx = setting()
+    goal = DriveGoal(x=2.0, y=-0.835, yaw=0.0)
+    result, feedback = drive(machine, ctx, goal)
+    along, across, yaw = in_frame_of(machine.pose, np.array([goal.x, goal.y, goal.yaw]))
+    assert abs(along) < 0.03 and abs(across) < 0.03 and abs(yaw) < 0.035
+    assert abs(result.along_m - along) < 0.01
+    assert machine.v == 0.0 and machine.stops == 1 and ctx.base.owner is None
+    progress = [f.progress for f in feedback if f.progress is not None]
+    assert progress[-1] > 0.95 and progress[len(progress) // 2] < 0.9
+
+
+@pytest.mark.parametrize("goal", [DriveGoal(x=np.nan, y=0.0, yaw=0.0), DriveGoal(x=1.0, y=-2.0, yaw=0.0, speed=3.0)])
+def test_impossible_goal_is_rejected_before_anything_moves(setting, goal):
+    machine, ctx = setting()
+    with pytest.raises(GoalRejected):
+        drive(machine, ctx, goal)
+    assert machine.stops == 0
+
+
+def failure(setting_result, goal: DriveGoal, on_beat=lambda t: None) -> ActionFailed:
+    machine, ctx = setting_result
+    with pytest.raises(ActionFailed) as failed:
+        drive(machine, ctx, goal, on_beat)
+    assert machine.v == 0.0 and machine.w == 0.0 and machine.stops == 1
+    return failed.value
+
+
+def test_goal_in_the_row_is_refused_for_its_fence(setting):
+    assert failure(setting(), DriveGoal(x=3.0, y=-0.3, yaw=0.0)).reason is Reason.FENCE
+
+
+def test_start_in_a_fence_is_refused(setting):
+    assert failure(setting((3.0, -0.3, 0.0)), DriveGoal(x=6.0, y=-0.9, yaw=0.0)).reason is Reason.FENCE
+
+
+def test_goal_behind_a_closed_fence_has_no_path(setting):
+    wall = Area(id="wall", polygon=np.array([[-1.0, -9.0], [-0.8, -9.0], [-0.8, 9.0], [-1.0, 9.0]]))
+    assert failure(setting(fences=(wall,)), DriveGoal(x=3.0, y=-0.9, yaw=0.0)).reason is Reason.NO_PATH
+
+
+def test_robot_that_is_not_localized_does_not_drive(setting):
+    machine, ctx = setting()
+    machine.localized = False
+    machine.estimate(ctx.world)
+    assert failure((machine, ctx), DriveGoal(x=2.0, y=-0.835, yaw=0.0)).reason is Reason.NOT_LOCALIZED
+    assert machine.pose[0] == -3.0
+
+
+def test_laser_that_falls_silent_stops_the_base_and_ends_the_drive(setting):
+    machine, ctx = setting()
+
+    def break_laser(now: float) -> None:
+        machine.laser_works = now < 3.0
+        if now > 3.3:
+            assert machine.v == 0.0
+
+    assert failure((machine, ctx), DriveGoal(x=4.0, y=-0.835, yaw=0.0), break_laser).reason is Reason.STALE_DATA
+
+
+def test_blocked_lane_without_a_way_around_stops_the_robot_before_the_obstacle(setting):
+    side = Area(id="side", polygon=np.array([[-1.0, -1.9], [-1.0, -1.7], [8.6, -1.7], [8.6, -1.9]]))
+    end = Area(id="end", polygon=np.array([[8.2, -1.9], [8.6, -1.9], [8.6, 0.3], [8.2, 0.3]]))
+    machine, ctx = setting(fences=(side, end))
+    nose = []
+
+    def block(now: float) -> None:
+        nose.append(machine.pose[0] + 0.495)
+        if now > 2.0:
+            y = np.arange(-1.7, -0.2, 0.15)
+            machine.circles = np.column_stack([np.full(len(y), 1.6), y, np.full(len(y), 0.06)])
+
+    assert failure((machine, ctx), DriveGoal(x=4.0, y=-0.835, yaw=0.0), block).reason is Reason.BLOCKED
+    assert 0.0 < max(nose) < 1.54
+
+
+def test_person_who_leaves_is_waited_for(setting):
+    machine, ctx = setting()
+    nobody, person = machine.circles, np.array([[0.6, y, 0.25] for y in np.arange(-6.0, 6.0, 0.5)])
+
+    def walk(now: float) -> None:
+        machine.circles = person if 1.5 < now < 7.0 else nobody
+
+    result, feedback = drive(machine, ctx, DriveGoal(x=3.0, y=-0.835, yaw=0.0), walk)
+    assert abs(result.along_m) < 0.03
+    assert any("waiting" in f.status for f in feedback)
+
+
+def test_drive_that_takes_too_long_times_out(setting):
+    goal = DriveGoal(x=4.0, y=-0.835, yaw=0.0, timeout_s=2.0)
+    assert failure(setting(), goal).reason is Reason.TIMEOUT
+
+
+def test_preempted_drive_stops_the_base(setting):
+    machine, ctx = setting()
+    run = drive_to_pose(DriveGoal(x=4.0, y=-0.835, yaw=0.0), ctx)
+    for _ in range(250):
+        next(run)
+        machine.advance(ctx.world)
+    assert machine.v > 0.3
+    run.close()
+    assert machine.v == 0.0 and machine.stops == 1 and ctx.base.owner is None
