@@ -42,18 +42,20 @@ class SimulatedGnss(SampledSensor[NavSatFix]):
         """Add a float spell with the given bias (3,) m from `start` to `end` seconds."""
         self._spells.append(FloatSpell(start=start, end=end, bias=np.array(bias, dtype=float)))
 
-    def _snapshot(self) -> Array:
+    def _snapshot(self) -> tuple[Array, Array]:
+        now = self._physics.clock.now()
+        bias = sum((spell.bias for spell in self._spells if spell.start <= now < spell.end), np.zeros(3))
         base = self._physics.data.qpos[self._qpos : self._qpos + 7]
-        return base[:3] + quaternion_to_rotation(base[3:]) @ self._mount
+        return base[:3] + quaternion_to_rotation(base[3:]) @ self._mount, bias
 
-    def _measure(self, index: int, stamp: float, snapshot: Array) -> NavSatFix:
+    def _measure(self, index: int, stamp: float, snapshot: tuple[Array, Array]) -> NavSatFix:
         model = self._options.errors
-        bias = sum((spell.bias for spell in self._spells if spell.start <= stamp < spell.end), np.zeros(3))
+        antenna, bias = snapshot
         floating = bool(bias.any())
         horizontal = model.float_sigma if floating else model.fix_sigma
         sigma = np.array([horizontal, horizontal, 2 * horizontal if floating else model.fix_sigma_up])
         latitude, longitude, altitude = geodetic_from_enu(
-            self._datum, snapshot + bias + sigma * self._noise.normal(index, 3)
+            self._datum, antenna + bias + sigma * self._noise.normal(index, 3)
         )
         # A uniformly distributed length has the mean square (a^2 + a b + b^2) / 3, shared by two axes.
         low, high = model.float_bias

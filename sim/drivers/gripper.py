@@ -33,6 +33,8 @@ class SimulatedGripper(SampledSensor[GripperState]):
         self._qpos = physics.joint_qpos(options.joints)
         self._qvel = physics.joint_qvel(options.joints)
         self._actuators = physics.actuators(options.joints)
+        gain, bias = physics.model.actuator_gainprm, physics.model.actuator_biasprm
+        self._lag_s = -bias[self._actuators, 2] / gain[self._actuators, 0]
         ranges = np.array([physics.model.jnt_range[physics.identify("joint", name)] for name in options.joints])
         self._lower, self._upper = ranges.T
         self._reference = physics.data.qpos[self._qpos].copy()
@@ -57,8 +59,9 @@ class SimulatedGripper(SampledSensor[GripperState]):
     def actuate(self) -> None:
         """Move the reference by one physics step and hand it to the actuators."""
         change = self._options.rate * STEP_S
-        self._reference += np.clip(self._target - self._reference, -change, change)
-        self._physics.data.ctrl[self._actuators] = self._reference
+        step = np.clip(self._target - self._reference, -change, change)
+        self._reference += step
+        self._physics.data.ctrl[self._actuators] = self._reference + self._lag_s / STEP_S * step
 
     def _snapshot(self) -> tuple[Array, Array]:
         return self._physics.data.qpos[self._qpos], self._physics.data.qvel[self._qvel]

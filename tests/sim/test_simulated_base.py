@@ -41,7 +41,7 @@ def test_turns_on_the_spot_as_its_effective_track_says(simulate, rate):
     before = yaw_of(pose(simulation))
     beats(simulation, 1.5, lambda: simulation.drivers.base.send(0.0, rate))
     turned = np.unwrap([before, yaw_of(pose(simulation))])
-    assert (turned[1] - turned[0]) / 1.5 == pytest.approx(rate, rel=0.06)
+    assert (turned[1] - turned[0]) / 1.5 == pytest.approx(rate, rel=0.07)
 
 
 def test_stops_by_itself_when_nobody_speaks(simulate):
