@@ -14,7 +14,7 @@ from grape.robots import RobotDescription
 from grape.sim.compose import BASE_JOINT, DISPENSER, compose, compose_seen
 from grape.sim.drivers import SensorOptions, connect
 from grape.sim.faults import Fault, apply_fault
-from grape.sim.physics import Physics, SimulatedClock
+from grape.sim.physics import STEPS_PER_SECOND, Physics, SimulatedClock
 from grape.sim.raycast import Raycaster
 from grape.sim.referee import Referee
 from grape.sim.render import Renderer, View
@@ -86,7 +86,6 @@ class Simulation:
             self._physics.step()
             self.referee.watch()
             self._drivers.sample(self._physics.clock.step)
-        self._physics.check()
 
     def inject(self, fault: Fault) -> None:
         """Let something go wrong, now."""
@@ -140,11 +139,11 @@ class Simulation:
 
     def _settle(self) -> None:
         """Let wheels sink in and loops come to rest, then start the clock at 0."""
-        for _ in range(round(self.options.settle_s * 500)):
+        for _ in range(round(self.options.settle_s * STEPS_PER_SECOND)):
             self._drivers.actuate()
-            mujoco.mj_step(self._physics.model, self._physics.data)
+            self._physics.step()
+        self._physics.clock.step = 0
         self._physics.data.time = 0.0
-        self._physics.check()
 
 
 def _rest_height(physics: Physics) -> float:
