@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from itertools import pairwise
+from types import ModuleType
 
 import numpy as np
 
@@ -54,6 +56,14 @@ class Nearest:
         return f"{self.link} is {self.clearance_m * 1e3:.0f} mm from {self.other}"
 
 
+@cache
+def _kernels() -> ModuleType:
+    """The compiled kernels, imported when they are first used."""
+    from grape.planning import _collision_kernels
+
+    return _collision_kernels
+
+
 class StateChecker:
     """Spheres of the arm against the perceived cloud, static boxes and the arm itself.
 
@@ -66,8 +76,6 @@ class StateChecker:
     def __init__(
         self, model: SphereModel, field: DistanceField | None = None, options: CheckerOptions | None = None
     ) -> None:
-        from grape.planning import _collision_kernels
-
         self.model = model
         self.field = field or empty_field()
         self.options = options or CheckerOptions()
@@ -80,14 +88,13 @@ class StateChecker:
             model.box_mask,
         )
         self._scene = (self.field.distance, self.field.grid)
-        self._kernels = _collision_kernels
         self.checked = 0  # states looked at since the start, a measure of work that no clock disturbs
 
     def is_valid(self, q: Array) -> bool:
         """Whether nothing is nearer than the paddings at joint angles `q` (n,) rad."""
         self.checked += 1
         options = self.options
-        return self._kernels.state_valid(
+        return _kernels().state_valid(
             self._joints(q), self._model, self._scene, options.padding_m, options.self_padding_m
         )
 
@@ -98,7 +105,7 @@ class StateChecker:
     def nearest(self, q: Array) -> Nearest:
         """The nearest thing and which link it threatens."""
         clearance, kind, sphere, other = self._least(q)
-        kernels = self._kernels
+        kernels = _kernels()
         if kind == kernels.NOTHING:
             return Nearest(clearance_m=clearance, link="", other="")
         names = {kernels.CLOUD: "cloud"}
@@ -123,13 +130,13 @@ class StateChecker:
     def _least(self, q: Array) -> tuple[float, int, int, int]:
         self.checked += 1
         options = self.options
-        return self._kernels.least_clearance(
+        return _kernels().least_clearance(
             self._joints(q), self._model, self._scene, options.padding_m, options.self_padding_m
         )
 
     def _edge(self, q0: Array, q1: Array, padding: float) -> bool:
         options = self.options
-        valid, checked = self._kernels.edge_valid(
+        valid, checked = _kernels().edge_valid(
             self._joints(q0),
             self._joints(q1),
             self.model.reach,

@@ -1,3 +1,4 @@
+import pickle
 from itertools import pairwise
 
 import numpy as np
@@ -145,6 +146,12 @@ def test_a_valid_edge_has_only_valid_states(model, field, states):
     assert 5 < len(passed) < len(good) - 5
     for a, b in passed[:20]:
         assert all(real.is_valid(a + s * (b - a)) for s in np.linspace(0, 1, 400))
+
+
+def test_a_checker_survives_the_way_to_another_process(model, field, states):
+    checker = StateChecker(model, field)
+    copy = pickle.loads(pickle.dumps(checker))
+    assert [copy.clearance(q) for q in states[:20]] == [checker.clearance(q) for q in states[:20]]
 
 
 def test_a_held_thing_is_checked_too(model, states):
