@@ -2,7 +2,8 @@
 
 `husky_jaco2.xml` is the one source of the body; a test holds the numbers below to it. Its names:
 
-Bodies: base_link (free joint `base`), wheel_{front,rear}_{left,right}, feeder, marker_1, marker_2, arm_base, link_1 …
+Bodies: base_link (free joint `base`), wheel_{front,rear}_{left,right}, riser, velodyne_mast,
+    gnss_mast, feeder, marker_1, marker_2, arm_base, link_1 …
     link_5, hand (the last link), wrist_camera, wrist_lidar, finger_{1,2,3} (1 = thumb), finger_{1,2,3}_tip,
     nail_2 (+x side), nail_3 (-x side).
 Joints: wheel_*, joint_1 … joint_6, finger_1 … finger_3 (driven), finger_1_tip … finger_3_tip (springs).
@@ -17,9 +18,10 @@ Geom groups: 1 drawn only; 2 drawn and touched (feeder channels, nails); 3 colli
     `feeder_markers` are envelopes for planning without contact.
 Contact bits (a pair touches when contype of one meets conaffinity of the other):
     1 world (ground, vines, posts, spurs, nails in posts): contype 1, conaffinity 4;
-    2 robot bodies: contype 2, conaffinity 15 (wheels: conaffinity 1; feeder: conaffinity 4);
+    2 robot bodies: contype 2, conaffinity 15 (wheels: conaffinity 1; feeder: conaffinity 24);
     4 loops: contype 4, conaffinity 0, priority 1: their friction, solref and solimp hold in every contact they make;
-    8 fingers and nails: contype 8, conaffinity 5.
+    8 fingers and nails: contype 8, conaffinity 5;
+    16 the welded ends of a loop (contype 20): the only part of a loop that the feeder touches.
     So loops touch nails, fingers, feeder, robot and world but not each other; fingers do not touch each other.
 Meshes and textures lie beside the MJCF: `DESCRIPTION.assets()`.
 """
