@@ -60,7 +60,7 @@ def follow_hand_path(
     settle: bool = True,
     options: HandPathOptions | None = None,
 ) -> Generator[Feedback, None, Array]:
-    """Moves the hand along `pose_at(t)` = `T_base_hand` for t in [0, duration_s], and the fingers along `fingers_at(t)`.
+    """Moves the hand along `pose_at(t)` (`T_base_hand`, t from 0 to duration_s) and the fingers along `fingers_at(t)`.
 
     Differential inverse kinematics with feed-forward at 100 Hz. With `settle` it waits for the hand to come to rest.
 

@@ -129,7 +129,7 @@ def checker_for(
     """A collision checker against what was perceived, the robot's own boxes, and more boxes.
 
     Args:
-        ctx: for robot, world and ledger; 
+        ctx: for robot, world and ledger;
         boxes: more obstacles in base_link.
         carve: (centre (3,) m, radius m) of places that may be touched.
         without: names of boxes of the base that do not count.
@@ -170,7 +170,12 @@ def move_to_joints(
         ctx.robot.planner.plan, start, goals, checker, ctx.rng, cable_reference=limits.unwound
     )
     trajectory = yield from ctx.jobs.run(
-        time_path, path.waypoints, limits.velocity_max, limits.acceleration_max, TIMING, edge_valid=checker.edge_valid_unpadded
+        time_path,
+        path.waypoints,
+        limits.velocity_max,
+        limits.acceleration_max,
+        TIMING,
+        edge_valid=checker.edge_valid_unpadded,
     )
     ctx.log.event("plan", status=status, straight=path.straight, checks=path.checks, duration_s=trajectory.duration)
     yield from follow(ctx, arm, trajectory, status=status)
@@ -191,7 +196,10 @@ def follow(ctx: Context, arm: ArmDriver, trajectory: Trajectory, *, status: str)
         reference = trajectory.sample(t)
         error = reference.position - q
         if np.abs(error).max() > tolerance:
-            raise ActionFailed(Reason.TRACKING_ERROR, f"{status}: joint {np.abs(error).argmax() + 1} is {np.abs(error).max():.2f} rad off")
+            raise ActionFailed(
+                Reason.TRACKING_ERROR,
+                f"{status}: joint {np.abs(error).argmax() + 1} is {np.abs(error).max():.2f} rad off",
+            )
         if ctx.clock.now() - begin >= trajectory.duration + 0.1 and np.abs(error).max() < 0.01:
             return
         arm.send(reference.velocity + gain * error)

@@ -146,9 +146,7 @@ class _Loop:
             yield Feedback(status=f"{self._status} ({describe()})")
 
     def finish(self, error_px: float, iterations: int) -> ServoOutcome:
-        outcome = ServoOutcome(
-            error_px=error_px, iterations=iterations, duration_s=self._ctx.clock.now() - self._begin
-        )
+        outcome = ServoOutcome(error_px=error_px, iterations=iterations, duration_s=self._ctx.clock.now() - self._begin)
         self._ctx.log.event(
             "servo", action=self._name, error_px=error_px, iterations=iterations, duration_s=outcome.duration_s
         )

@@ -75,7 +75,12 @@ def T_base_tip(target: HangTarget) -> Array:
 
 
 def desired_markers(
-    target: HangTarget, board: NailBoard, ids: tuple[int, ...], T_hand_nails: Array, T_hand_camera: Array, back_off: float
+    target: HangTarget,
+    board: NailBoard,
+    ids: tuple[int, ...],
+    T_hand_nails: Array,
+    T_hand_camera: Array,
+    back_off: float,
 ) -> Mapping[int, Array]:
     """`T_camera_marker` of each marker when the hand is `back_off` metres short of its final pose at the nail."""
     T_camera_base = inverse(target.hand_pose(T_hand_nails, back_off) @ T_hand_camera)

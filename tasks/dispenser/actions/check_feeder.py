@@ -17,6 +17,8 @@ from grape.perception.markers import MarkerDetector, board_pose
 from grape.tasks.dispenser.feeder import FEEDER_BOXES, VIEW_M, feeder_geometry, hand_at_feeder
 from grape.tasks.dispenser.perception.feeder import FeederGeometry, FeederTop, feeder_top
 
+FEEDER_EMPTY = "feeder_empty"  # in world.committed, once the feeder was seen empty
+
 
 @dataclass(frozen=True, kw_only=True)
 class CheckFeederGoal:
@@ -36,12 +38,15 @@ class CheckFeederResult:
 @action("CheckFeeder")
 def check_feeder(goal: CheckFeederGoal, ctx: Context) -> Generator[Feedback, None, CheckFeederResult]:
     """Moves the camera over the feeder and finds the top dispenser by its wings; FEEDER_EMPTY after the time-out."""
+    if ctx.world.committed.get(FEEDER_EMPTY):
+        raise ActionFailed(Reason.FEEDER_EMPTY, "it was seen empty before")
     robot = ctx.robot
     gripper = robot.description.gripper
     with ctx.arm.lease("CheckFeeder") as arm, ctx.gripper.lease("CheckFeeder") as fingers:
         fingers.send(np.array([gripper.thumb_clear, gripper.closed_angle, gripper.closed_angle]))
         above = hand_at_feeder(robot, robot.description.feeder.levels - 1, VIEW_M)
-        yield from move_to_pose(ctx, arm, (above, hand_at_feeder(robot, 0, 0.0)), status="moving to feeder", touch_boxes=FEEDER_BOXES)
+        line = (above, hand_at_feeder(robot, 0, 0.0))
+        yield from move_to_pose(ctx, arm, line, status="moving to feeder", touch_boxes=FEEDER_BOXES)
         level = yield from _agreed_level(goal, ctx)
     _settle_account(ctx, level + 1)
     return CheckFeederResult(level=level)
@@ -52,6 +57,7 @@ def _agreed_level(goal: CheckFeederGoal, ctx: Context) -> Generator[Feedback, No
     geometry = feeder_geometry(ctx.robot)
     detector = MarkerDetector(ctx.robot.description.feeder.marker_dictionary)
     seen: Counter[int] = Counter()
+    frames = empty = 0
     last, start, stamp = "", ctx.clock.now(), ctx.clock.now()
     while True:
         image = yield from next_image(ctx, stamp, status="looking for dispensers")
@@ -62,22 +68,20 @@ def _agreed_level(goal: CheckFeederGoal, ctx: Context) -> Generator[Feedback, No
             if seen[top.level] >= goal.frames:
                 ctx.log.event("check", check="feeder", value=True, level=top.level, height_m=top.height_m)
                 return top.level
-        last = top.reason or last
-        if ctx.clock.now() - start > goal.timeout_s and not seen:
-            ctx.log.event("check", check="feeder", value=False, reason=last)
-            ctx.log.picture("feeder_empty", image.bgr)
-            _settle_account(ctx, 0)
-            ctx.world.committed["feeder_empty"] = True
-            raise ActionFailed(Reason.FEEDER_EMPTY, f"no dispenser seen for {goal.timeout_s} s: {last}")
-        if ctx.clock.now() - start > 3 * goal.timeout_s:
-            raise ActionFailed(Reason.TIMEOUT, f"the frames do not agree on a level: {dict(seen)}")
+        frames, empty, last = frames + 1, empty + top.empty, top.reason or last
+        if ctx.clock.now() - start > goal.timeout_s:
+            ctx.log.event("check", check="feeder", value=False, reason=last, frames=frames, empty=empty)
+            ctx.log.picture("feeder", image.bgr)
+            if 2 * empty > frames:
+                _settle_account(ctx, 0)
+                ctx.world.committed[FEEDER_EMPTY] = True
+                raise ActionFailed(Reason.FEEDER_EMPTY, f"no dispenser seen for {goal.timeout_s} s: {last}")
+            raise ActionFailed(Reason.FEATURE_LOST, f"no level is sure after {frames} frames, {dict(seen)}: {last}")
 
 
 def _look(image: RgbdImage, ctx: Context, geometry: FeederGeometry, detector: MarkerDetector) -> FeederTop:
     try:
-        board = board_pose(
-            detector.detect(image.bgr), geometry.T_feeder_marker, geometry.marker_side_m, image.info.K
-        )
+        board = board_pose(detector.detect(image.bgr), geometry.T_feeder_marker, geometry.marker_side_m, image.info.K)
     except InvalidInput as error:
         return FeederTop(level=None, reason=str(error))
     return feeder_top(image, board.T_camera_board, geometry)

@@ -46,6 +46,11 @@ def drive_to_plant(goal: DriveToPlantGoal, ctx: Context) -> Generator[Feedback, 
     result = yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed), ctx)
     ctx.world.committed[PARKED] = (goal.plant, place)
     ctx.log.event(
-        "parked", plant=goal.plant, place=place, along_m=result.along_m, across_m=result.across_m, yaw_rad=result.yaw_rad
+        "parked",
+        plant=goal.plant,
+        place=place,
+        along_m=result.along_m,
+        across_m=result.across_m,
+        yaw_rad=result.yaw_rad,
     )
     return NoResult()

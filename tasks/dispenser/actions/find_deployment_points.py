@@ -66,7 +66,9 @@ def find_deployment_points(
         "deployment_poses",
         plant=goal.plant,
         points=len(cloud),
-        poses=[{"tip": p.tip, "direction": p.direction, "score": p.score, "diameter": p.diameter_m} for p in poses[:12]],
+        poses=[
+            {"tip": p.tip, "direction": p.direction, "score": p.score, "diameter": p.diameter_m} for p in poses[:12]
+        ],
     )
     targets: list[HangTarget] = []
     for k, found in enumerate(poses):

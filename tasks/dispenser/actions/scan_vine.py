@@ -145,4 +145,6 @@ class _Collector:
             self._scans, stamped, AssembleOptions(range_m=(0.30, 1.2), bearing_rad=(-1.3, 1.3)), T_map_lidar_end=ends
         )
         cameras = tuple(frames.lookup("base_link", "camera_optical", image.stamp) for image in self._images)
-        return VineScan(sweep=sweep, images=tuple(self._images), T_base_camera=cameras, T_hand_camera=camera_mount(self._ctx))
+        return VineScan(
+            sweep=sweep, images=tuple(self._images), T_base_camera=cameras, T_hand_camera=camera_mount(self._ctx)
+        )

@@ -65,7 +65,7 @@ class FeederOptions:
     margin_m: tuple[float, float] = (0.040, 0.030)
     layer_m: float = 0.008
     min_area_m2: float = 1.5e-5
-    max_tilt_m: float = 0.008
+    max_tilt_m: float = 0.010
     both_sides: bool = True
 
 
@@ -73,12 +73,13 @@ class FeederOptions:
 class FeederTop:
     """The top dispenser, or why there is none.
 
-    level counts from 0 (lowest), None when no dispenser is seen; height_m is its height over level 0 as measured;
+    level counts from 0 (lowest), None when no dispenser is made out; empty: nothing red is over the feeder at all; height_m is its height over level 0 as measured;
     midpoint (3,) m between the wings in the feeder frame; wings_px (k, 2) their centres in the image.
     """
 
     level: int | None
     reason: str
+    empty: bool = False
     height_m: float = float("nan")
     midpoint: Array | None = None
     wings_px: Array | None = None
@@ -106,13 +107,15 @@ def feeder_top(
     pixels, points = _red_over_feeder(image, T_camera_feeder, feeder, options)
     K = as_intrinsics(image.info.K)
     if len(points) == 0:
-        return FeederTop(level=None, reason="no red pixels over the feeder")
-    top = float(np.sort(points[:, 2])[-max(1, min(len(points) // 4, 10))])  # a few stray depths do not count
-    layer = points[:, 2] > top - options.layer_m
+        return FeederTop(level=None, reason="no red pixels over the feeder", empty=True)
     wings = []
-    for side in (points[:, 0] < 0, points[:, 0] >= 0):
-        chosen = layer & side
-        depth = float(np.median(pixels[chosen, 2])) if chosen.any() else 1.0
+    for side in (points[:, 0] < 0, points[:, 0] >= 0):  # each wing by itself: a loop may lie tilted in its channels
+        heights = np.sort(points[side, 2])
+        if len(heights) == 0:
+            continue
+        top = float(heights[-max(1, min(len(heights) // 4, 10))])  # a few stray depths do not count
+        chosen = side & (points[:, 2] > top - options.layer_m)
+        depth = float(np.median(pixels[chosen, 2]))
         if chosen.sum() * depth**2 / (K[0, 0] * K[1, 1]) >= options.min_area_m2:
             wings.append((np.median(points[chosen], axis=0), pixels[chosen, :2].mean(axis=0)))
     if not wings or (options.both_sides and len(wings) < 2):
