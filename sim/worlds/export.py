@@ -122,7 +122,8 @@ def _ground(spec: mujoco.MjSpec, world: World, rng: np.random.Generator) -> None
         userdata=((terrain.heights - low) / span).ravel(),
     )
     _picture(spec, "ground", ground_picture(world.site, terrain, rng))
-    spec.worldbody.add_geom(
+    # A body of its own: else its huge bounding box makes every query pass through the tree of all other pieces.
+    spec.worldbody.add_body(name="ground").add_geom(
         name="ground",
         type=mujoco.mjtGeom.mjGEOM_HFIELD,
         hfieldname="ground",
