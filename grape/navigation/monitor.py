@@ -23,6 +23,7 @@ class MonitorOptions:
         ahead: m added in front and behind: never nearer than this.
         stop_s: points met within this time stop the robot; `slow_s`: within this time they slow it down.
         least_points: fewer points than this are noise.
+        least_speed: m/s at which slower driving is judged.
     """
 
     footprint: Footprint = field(default_factory=Footprint)
@@ -31,6 +32,7 @@ class MonitorOptions:
     stop_s: float = 0.6
     slow_s: float = 2.0
     least_points: int = 3
+    least_speed: float = 0.25
 
 
 def arc_poses(v: float, w: float, times: Array) -> Array:
@@ -73,6 +75,8 @@ def time_to_contact(v: float, w: float, points: Array, options: MonitorOptions) 
 def speed_factor(v: float, w: float, points: Array, options: MonitorOptions | None = None) -> float:
     """Factor 0..1 by which a command must be slowed: 1 when nothing is near, 0 to stop."""
     options = options or MonitorOptions()
+    if 0.0 < abs(v) < options.least_speed:  # who creeps would else creep until it touches
+        v, w = v * options.least_speed / abs(v), w * options.least_speed / abs(v)
     contact_s = time_to_contact(v, w, points, options)
     if contact_s <= options.stop_s:
         return 0.0

@@ -213,7 +213,7 @@ def test_person_who_leaves_is_waited_for(setting):
     nobody, person = machine.circles, np.array([[0.6, y, 0.25] for y in np.arange(-6.0, 6.0, 0.5)])
 
     def walk(now: float) -> None:
-        machine.circles = person if 1.5 < now < 7.0 else nobody
+        machine.circles = person if 1.5 < now < 9.0 else nobody
 
     result, feedback = drive(machine, ctx, DriveGoal(x=3.0, y=-0.835, yaw=0.0), walk)
     assert abs(result.along_m) < 0.03
