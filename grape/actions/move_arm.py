@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -88,7 +89,7 @@ def find_postures(
     touch_boxes: tuple[str, ...] = (),
     holding: bool | None = None,
 ) -> list[Array]:
-    """Joint angles, best first, that put the hand at the first pose of a line and can follow the line without collision.
+    """Joint angles, best first, that put the hand at the first pose of a line and can follow it without collision.
 
     Args:
         ctx: for robot and world.
@@ -195,12 +196,12 @@ def follow(ctx: Context, arm: ArmDriver, trajectory: Trajectory, *, status: str)
         q = ctx.world.joints()
         reference = trajectory.sample(t)
         error = reference.position - q
-        if np.abs(error).max() > tolerance:
+        worst = int(np.abs(error).argmax())
+        if abs(error[worst]) > tolerance:
             raise ActionFailed(
-                Reason.TRACKING_ERROR,
-                f"{status}: joint {np.abs(error).argmax() + 1} is {np.abs(error).max():.2f} rad off",
+                Reason.TRACKING_ERROR, f"{status}: joint {worst + 1} is {error[worst]:.2f} rad behind its trajectory"
             )
-        if ctx.clock.now() - begin >= trajectory.duration + 0.1 and np.abs(error).max() < 0.01:
+        if ctx.clock.now() - begin >= trajectory.duration + 0.1 and abs(error[worst]) < 0.01:
             return
         arm.send(reference.velocity + gain * error)
         yield Feedback(status=status, progress=trajectory.progress(t))
@@ -209,7 +210,7 @@ def follow(ctx: Context, arm: ArmDriver, trajectory: Trajectory, *, status: str)
 def _densely(line: list[Array], step_m: float = 0.03) -> list[Array]:
     """The poses of a line with more between them, at most `step_m` apart."""
     poses = [line[0]]
-    for T_a, T_b in zip(line[:-1], line[1:], strict=True):
+    for T_a, T_b in pairwise(line):
         count = max(1, int(np.ceil(np.linalg.norm(T_b[:3, 3] - T_a[:3, 3]) / step_m)))
         poses += [interpolate(T_a, T_b, k / count) for k in range(1, count + 1)]
     return poses

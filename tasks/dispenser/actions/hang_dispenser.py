@@ -26,7 +26,7 @@ class HangDispenserGoal:
     """
 
     target: HangTarget
-    close_s: float = 1.2
+    close_s: float = 2.0
     retreat_m: float = 0.14
     retreat_s: float = 2.0
 

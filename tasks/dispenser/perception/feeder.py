@@ -73,8 +73,9 @@ class FeederOptions:
 class FeederTop:
     """The top dispenser, or why there is none.
 
-    level counts from 0 (lowest), None when no dispenser is made out; empty: nothing red is over the feeder at all; height_m is its height over level 0 as measured;
-    midpoint (3,) m between the wings in the feeder frame; wings_px (k, 2) their centres in the image.
+    level counts from 0 (lowest), None when no dispenser is made out; empty says that nothing red is over the feeder;
+    height_m is the height over level 0 as measured; midpoint (3,) m between the wings in the feeder frame; wings_px
+    (k, 2) their centres in the image.
     """
 
     level: int | None
