@@ -21,6 +21,7 @@ SHOWN_GROUPS = (0, 1, 2)  # groups above are collision shapes
 _HIDDEN_GROUP = 5
 _MAX_GEOMS = 20_000
 _SHADOW_REACH_M = 12.0
+_UNBOUNDED = (mujoco.mjtGeom.mjGEOM_HFIELD, mujoco.mjtGeom.mjGEOM_PLANE)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +39,8 @@ class Renderer:
 
     Args:
         pretty: shadows and anti-aliasing for people; without it a sensor's speed.
-        reach_m: the world's small things farther than this from the camera are not drawn; None draws all.
+        reach_m: things farther than this from a camera of the model, or outside its picture, are left out (ground and
+            sky never are); None draws all.
 
     Raises:
         InvalidInput: the size exceeds the offscreen buffer.
@@ -64,11 +66,13 @@ class Renderer:
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
         self._scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = pretty
         self._scene.flags[mujoco.mjtRndFlag.mjRND_REFLECTION] = False
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_SKYBOX] = pretty  # a third of a sensor frame's time; painted instead
+        self._sky = None if pretty else _sky_ramp(model)
         self._option = mujoco.MjvOption()
         self._option.geomgroup[:] = [group in SHOWN_GROUPS for group in range(len(self._option.geomgroup))]
         self._option.sitegroup[:] = 0
-        small = (model.geom_bodyid == 0) & np.isin(model.geom_type, _SMALL) & np.isin(model.geom_group, SHOWN_GROUPS)
-        self._small = np.flatnonzero(small)
+        bounded = ~np.isin(model.geom_type, _UNBOUNDED)
+        self._small = np.flatnonzero(bounded & np.isin(model.geom_group, SHOWN_GROUPS))
         self._groups = model.geom_group[self._small].copy()
         self._rgb = np.empty((height, width, 3), dtype=np.uint8)
         self._depth = np.empty((height, width), dtype=np.float32)
@@ -81,13 +85,33 @@ class Renderer:
 
     def color_and_depth(self, data: mujoco.MjData, camera: str | View) -> tuple[Array, Array]:
         """RGB (h, w, 3) uint8 and the distance along the optical axis (h, w) float32 in metres."""
+        import cv2
+
         self._draw(data, camera)
         mujoco.mjr_readPixels(self._rgb, self._depth, self._rect, self._context)
+        if self._sky is not None and (background := self._depth == 0.0).any():
+            self._paint_sky(self._sky, background)
         extent = self._model.stat.extent
         near, far = (np.float32(limit * extent) for limit in (self._model.vis.map.znear, self._model.vis.map.zfar))
         # Reversed depth buffer: 1 at the near plane, 0 at the far one.
         depth = near * far / (self._depth * (far - near) + near)
-        return np.flipud(self._rgb).copy(), np.flipud(depth).copy()
+        return cv2.flip(self._rgb, 0), cv2.flip(depth, 0)
+
+    def _paint_sky(self, ramp: Array, background: Array) -> None:
+        """Fill the (h, w) `background` of the upside-down colour picture with the sky's gradient."""
+        import cv2
+
+        height, width = background.shape
+        camera = self._scene.camera[0]
+        forward, up = np.array(camera.forward, dtype=float), np.array(camera.up, dtype=float)
+        slope = (camera.frustum_top - camera.frustum_bottom) / (2.0 * camera.frustum_near)
+        v, u = np.mgrid[-1:1:60j, -1:1:80j]  # bottom to top, left to right
+        rays = forward + slope * (v[..., None] * up + u[..., None] * self._aspect * np.cross(forward, up))
+        # As on the side of a sky cube: what counts is the height over the larger horizontal component.
+        climb = rays[..., 2] / np.maximum(np.abs(rays[..., :2]).max(axis=-1), 1e-6)
+        index = np.clip(0.5 * (1.0 - climb), 0.0, 1.0) * (len(ramp) - 1)
+        small = ramp[np.rint(index).astype(int)]
+        cv2.copyTo(cv2.resize(small, (width, height)), background.astype(np.uint8), self._rgb)
 
     def close(self) -> None:
         """Give the graphics memory back."""
@@ -109,7 +133,7 @@ class Renderer:
         mujoco.mjr_render(self._rect, self._scene, self._context)
 
     def _in_reach(self, data: mujoco.MjData, camera: int) -> Array:
-        """Which of the world's small geoms are near the camera and in a cone around its picture."""
+        """Which of the bounded geoms are near the camera and in a cone around its picture."""
         offset = data.geom_xpos[self._small] - data.cam_xpos[camera]
         ahead = -(offset @ data.cam_xmat[camera].reshape(3, 3)[:, 2])
         distance = np.linalg.norm(offset, axis=1)
@@ -131,9 +155,6 @@ class Renderer:
             known = [self._model.camera(k).name for k in range(self._model.ncam)]
             raise InvalidInput(f"there is no camera {camera!r}; allowed: {known} or a View")
         return view
-
-
-_SMALL = (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER)
 
 
 def _make_context(model: mujoco.MjModel, pretty: bool) -> mujoco.MjrContext:
@@ -159,3 +180,15 @@ def _cast_shadows(model: mujoco.MjModel) -> None:
     headlight.ambient[:] = model.light_ambient.sum(axis=0)
     headlight.diffuse[:] = headlight.specular[:] = 0.0
     model.light_ambient[:] = 0.0
+
+
+def _sky_ramp(model: mujoco.MjModel) -> Array | None:
+    """Colours (n, 3) uint8 of the sky box's side from 45 degrees above the horizon to 45 degrees below it."""
+    skies = np.flatnonzero(model.tex_type == mujoco.mjtTexture.mjTEXTURE_SKYBOX)
+    if not skies.size:
+        return None
+    sky = skies[0]
+    width, channels, start = model.tex_width[sky], model.tex_nchannel[sky], model.tex_adr[sky]
+    faces = model.tex_data[start : start + width * model.tex_height[sky] * channels].reshape(-1, width, channels)
+    front = faces[4 * width : 5 * width] if len(faces) >= 6 * width else faces  # right, left, up, down, front, back
+    return front[:, width // 2, :3].copy()

@@ -26,7 +26,7 @@ class CameraOptions:
     height: int = 480
     period_s: float = 0.066
     latency_s: float = 0.066
-    reach_m: float = 6.0  # how far the world's rods and plates are drawn; ground and sky always are
+    reach_m: float = 4.5  # how far the world's rods and plates are drawn; ground and sky always are
     errors: RgbdModel = field(default_factory=RgbdModel)
 
 
@@ -71,6 +71,8 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
         return self._physics.data.qpos.copy(), self.errors
 
     def _measure(self, index: int, stamp: float, snapshot: tuple[Array, RgbdModel]) -> RgbdImage:
+        import cv2
+
         qpos, errors = snapshot
         options = self._options
         if self._renderer is None or self._replica is None:
@@ -85,7 +87,7 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
         return RgbdImage(
             stamp=stamp,
             frame_id=options.frame_id,
-            bgr=measured_color(rgb[..., ::-1], self._banks[0].cut(rng), errors),
+            bgr=measured_color(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), self._banks[0].cut(rng), errors),
             depth=measured_depth(depth, self._banks[1].cut(rng)[..., 0], float(self.info.K[0, 0]), errors),
             info=self.info,
         )

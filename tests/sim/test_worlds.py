@@ -225,7 +225,7 @@ def test_the_physics_model_attributes_its_geoms_to_plants(world):
     ground = model.geom("ground")
     assert (ground.contype[0], ground.conaffinity[0]) == (1, 4)
     assert model.geom("r0v0/bud0_0").contype[0] == 0
-    assert model.nv == 0 and model.nbody == 1
+    assert model.nv == 0
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert data.ncon == 0
