@@ -88,9 +88,10 @@ def test_every_sensor_keeps_its_period(simulate):
         assert simulation.clock.now() - stamps[0] >= 1.9
 
 
-def test_a_state_that_is_not_finite_ends_the_mission(simulate):
+@pytest.mark.parametrize("speed", [np.nan, np.inf, 1e7])
+def test_a_state_that_diverges_ends_the_mission(simulate, speed):
     simulation = simulate()
-    simulation._physics.data.qvel[0] = np.nan
+    simulation._physics.data.qvel[0] = speed
     with pytest.raises(DriverError, match="diverged"):
         simulation.advance()
     with pytest.raises(DriverError, match="diverged"):
