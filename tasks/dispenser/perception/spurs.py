@@ -55,6 +55,27 @@ class SpurOptions:
             raise InvalidInput(f"spur options must be positive, got {self}")
 
 
+# For a smoothed sweep of the wrist LiDAR: sparser points, a 7 mm beam spot that widens stems by about as much, no use of
+# the diameter beyond leaving out arms.
+LIDAR_SPURS = SpurOptions(
+    voxel_m=0.003,
+    outlier_m=0.013,
+    outlier_neighbours=4,
+    geodesic=GeodesicOptions(edge_m=0.013),
+    silhouette=SilhouetteOptions(jump_m=0.04),
+    refine=RefineOptions(
+        lateral_m=0.014,
+        depth_m=0.025,
+        wide_m=0.028,
+        gap_m=0.007,
+        tip_beyond_m=-0.003,
+        diameter_bias_m=0.0055,
+        depth_share=0.0,
+    ),
+    score=ScoreOptions(diameter_m=(0.002, 0.0055, 0.015, 0.022)),
+)
+
+
 def extract_poses(
     points: Array,
     origins: Array,

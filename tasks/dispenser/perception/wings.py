@@ -15,9 +15,9 @@ from grape.messages import Array, RgbdImage, frozen_array
 from grape.perception.blobs import Blob, BlobOptions, find_blobs
 from grape.perception.checks import as_intrinsics, as_vector
 
-# Hue 175...5, 60...2500 px at f = 615, solidity 0.80, hull match 0.12. Under a low sun the shaded side of a wing has
-# value 43.
-WING = BlobOptions(value=35)
+# Hue 175...5 and 60...2500 px at f = 615 as studied. Value 35: under a low sun the shaded side of a wing has 43. Shape
+# limits looser than the study's 0.80 and 0.12: a nail before a wing leaves 0.84 and 0.38; depth and place decide.
+WING = BlobOptions(value=35, solidity=0.75, hull_distance=0.45)
 
 
 @dataclass(frozen=True, kw_only=True)
