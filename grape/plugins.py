@@ -11,7 +11,7 @@ Finding names imports nothing; `load` imports the one plugin that is asked for.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -60,6 +60,24 @@ class Task:
 
 
 @dataclass(frozen=True, kw_only=True)
+class WorldType:
+    """A kind of generated world.
+
+    Attributes:
+        options: frozen dataclass of what can be set, checked at construction.
+        site: from options to the `grape.site.Site` that a surveyor would draw of it.
+        grow: from a site and options to the world that `grape.sim.simulation.Simulation` takes.
+    """
+
+    options: type[Any]
+    site: Callable[[Any], Any]
+    grow: Callable[[Any, Any], Any]
+
+
+KINDS: Mapping[str, type[Any]] = MappingProxyType({TASKS: Task, WORLDS: WorldType})
+
+
+@dataclass(frozen=True, kw_only=True)
 class Plugin:
     """Something that can be plugged in, not imported yet.
 
@@ -77,7 +95,7 @@ class Plugin:
         """Import it.
 
         Raises:
-            PluginError: its module cannot be imported or lacks the attribute.
+            PluginError: its module cannot be imported or lacks the attribute, or it is of another kind.
         """
         module, _, attribute = self.target.partition(":")
         try:
@@ -89,6 +107,12 @@ class Plugin:
                 f"{self.group} plugin {self.name!r} of {self.origin} ({self.target}) cannot be loaded:"
                 f" {type(error).__name__}: {error}"
             ) from error
+        kind = KINDS.get(self.group, object)
+        if not isinstance(value, kind):
+            raise PluginError(
+                f"{self.group} plugin {self.name!r} of {self.origin} ({self.target}) must be a {kind.__name__},"
+                f" got {type(value).__name__}"
+            )
         return value
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol, TypeVar
 
+from grape.errors import DriverError
 from grape.messages import (
     Array,
     GripperState,
@@ -114,7 +115,17 @@ class Drivers:
     clouds: Mapping[str, SensorDriver[PointCloud]] = field(default_factory=dict)  # "velodyne"
 
     def stop_all(self) -> None:
-        """Stop every actuator; called when anything goes wrong."""
-        self.base.stop()
-        self.arm.stop()
-        self.gripper.stop()
+        """Stop every actuator, each whatever becomes of the others; called when anything goes wrong.
+
+        Raises:
+            DriverError: one or more could not be stopped; names each and its error.
+        """
+        failed: list[tuple[str, Exception]] = []
+        for name, actuator in (("base", self.base), ("arm", self.arm), ("gripper", self.gripper)):
+            try:
+                actuator.stop()
+            except Exception as error:
+                failed.append((name, error))
+        if failed:
+            texts = "; ".join(f"{name}: {type(error).__name__}: {error}" for name, error in failed)
+            raise DriverError(f"could not be stopped: {texts}") from failed[0][1]

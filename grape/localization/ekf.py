@@ -37,7 +37,9 @@ class EkfOptions:
 
     Args:
         noise: (15,) variance gained per second, in units squared of each state.
-        motion_noise: (15,) variance gained per metre driven or radian turned: slip, which grows with motion.
+        motion_noise: (15,) variance gained per metre driven: slip.
+        turn_noise: (15,) variance gained per radian turned; skidding wheels lose decimetres in a bend, and a filter that
+            does not expect it takes the next good fix for a jump.
         two_d: hold z, roll, pitch and their rates at zero.
         history_s: how late a measurement may be; the filter is rewound and replayed for it.
         max_step_s: a longer prediction is split into steps of this length.
@@ -49,12 +51,13 @@ class EkfOptions:
         )
     )
     motion_noise: Array = field(default_factory=lambda: np.array([5e-4, 5e-4, 5e-4, 1e-3, 1e-3, 1e-5, *([0.0] * 9)]))
+    turn_noise: Array = field(default_factory=lambda: np.array([2e-2, 2e-2, 5e-4, 1e-3, 1e-3, 1e-5, *([0.0] * 9)]))
     two_d: bool = False
     history_s: float = 1.0
     max_step_s: float = 0.1
 
     def __post_init__(self) -> None:
-        for name in ("noise", "motion_noise"):
+        for name in ("noise", "motion_noise", "turn_noise"):
             value = frozen_array(getattr(self, name), float)
             if value.shape != (15,) or not (value >= 0).all():
                 raise InvalidInput(f"{name} must be 15 variances >= 0, got {value}")
@@ -212,7 +215,12 @@ class Ekf:
         steps = max(1, int(np.ceil(remaining / self.options.max_step_s - 1e-9)))
         for _ in range(steps):
             mean, covariance = self._kernels.predict(
-                mean, covariance, self.options.noise, self.options.motion_noise, remaining / steps
+                mean,
+                covariance,
+                self.options.noise,
+                self.options.motion_noise,
+                self.options.turn_noise,
+                remaining / steps,
             )
         return self._flattened(Belief(stamp, mean, covariance))
 

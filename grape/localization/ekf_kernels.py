@@ -53,10 +53,10 @@ def wrap(angle: float) -> float:
 
 
 @njit(cache=True)
-def predict(x: Array, P: Array, noise: Array, motion_noise: Array, dt: float) -> tuple[Array, Array]:
+def predict(x: Array, P: Array, noise: Array, motion_noise: Array, turn_noise: Array, dt: float) -> tuple[Array, Array]:
     """Mean and covariance after `dt` seconds of constant body acceleration and constant body rates.
 
-    The process noise grows with time (`noise`, per s) and with motion (`motion_noise`, per m driven or rad turned).
+    The process noise grows with time (`noise`, per s), way (`motion_noise`, per m) and turning (`turn_noise`, per rad).
     """
     R = rotation(x[3], x[4], x[5])
     cr, sr = np.cos(x[3]), np.sin(x[3])
@@ -85,7 +85,7 @@ def predict(x: Array, P: Array, noise: Array, motion_noise: Array, dt: float) ->
     y[3] = wrap(x[3] + (x[9] + turn * tp) * dt)
     y[4] = wrap(x[4] + (cr * wy - sr * wz) * dt)
     y[5] = wrap(x[5] + turn / cp * dt)
-    motion = np.sqrt(x[6] ** 2 + x[7] ** 2) + abs(x[11])
+    speed, rate = np.sqrt(x[6] ** 2 + x[7] ** 2), abs(x[11])
     A = np.zeros((N, N))
     for i in range(N):
         for k in range(N):
@@ -99,7 +99,7 @@ def predict(x: Array, P: Array, noise: Array, motion_noise: Array, dt: float) ->
             for k in range(N):
                 total += A[i, k] * F[j, k]
             Q[i, j] = total
-        Q[i, i] += (noise[i] + motion_noise[i] * motion) * dt
+        Q[i, i] += (noise[i] + motion_noise[i] * speed + turn_noise[i] * rate) * dt
     return y, Q
 
 

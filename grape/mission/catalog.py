@@ -1,68 +1,101 @@
-"""What is built in: missions, trees, robots, tasks and worlds, found by looking into their packages."""
+"""What can be named on the command line and in mission files: all of it comes from plugins, ours and those of others."""
 
 from __future__ import annotations
 
-import importlib
-import importlib.util
-import pkgutil
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-Kind = Literal["missions", "trees", "robots", "tasks"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class WorldType:
-    """A kind of generated world: its options, the site it lays out, and how it grows on a site."""
-
-    options: type[Any]
-    site: Callable[[Any], Any]
-    grow: Callable[[Any, Any], Any]
+from grape.plugins import ROBOTS, TASKS, WORLDS, PluginError, Task, WorldType, find, load
 
 
-def built_in(kind: str) -> dict[str, Path]:
-    """Name -> file (missions, trees) or folder (robots, tasks)."""
-    if kind == "trees":
-        return {path.stem: path for path in sorted(_folder("grape.trees").glob("*.xml"))}
-    if kind == "missions":
-        return {path.stem: path for path in sorted(_folder("grape.tasks").glob("*/missions/*.yaml"))}
-    folders = sorted(path.parent for path in _folder(f"grape.{kind}").glob("*/__init__.py"))
-    return {path.name: path for path in folders}
+def tasks() -> dict[str, Task]:
+    """Every task that can be loaded, by name; `broken` tells of the others."""
+    found = {}
+    for name, plugin in find(TASKS).items():
+        try:
+            found[name] = plugin.load()
+        except PluginError:
+            continue
+    return found
 
 
-def worlds() -> dict[str, WorldType]:
-    """Every kind of world by its `type`."""
-    from grape.sim.worlds.options import VineyardOptions
-    from grape.sim.worlds.vineyard import grow_world, vineyard_site
+def broken() -> tuple[str, ...]:
+    """What is wrong with each plugin that cannot be loaded."""
+    texts = []
+    for group in (TASKS, ROBOTS, WORLDS):
+        for plugin in find(group).values():
+            try:
+                plugin.load()
+            except PluginError as error:
+                texts.append(str(error))
+    return tuple(texts)
 
-    return {"vineyard": WorldType(options=VineyardOptions, site=vineyard_site, grow=grow_world)}
+
+def missions() -> dict[str, Path]:
+    """Mission files of every task by name.
+
+    Raises:
+        PluginError: two tasks bring one name.
+    """
+    return _files("mission", {name: task.missions for name, task in tasks().items()})
+
+
+def trees() -> dict[str, Path]:
+    """Tree files of every task by name.
+
+    Raises:
+        PluginError: two tasks bring one name.
+    """
+    return _files("tree", {name: task.trees for name, task in tasks().items()})
+
+
+def robots() -> tuple[str, ...]:
+    """Names of the robots."""
+    return tuple(find(ROBOTS))
 
 
 def robot_description(name: str) -> Any:
-    """The `DESCRIPTION` of a built-in robot."""
-    return importlib.import_module(f"grape.robots.{name}").DESCRIPTION
+    """The `RobotDescription` of a robot.
+
+    Raises:
+        PluginError: it is unknown or cannot be loaded.
+    """
+    return load(ROBOTS, name)
 
 
-def _folder(package: str) -> Path:
-    spec = importlib.util.find_spec(package)
-    if spec is None or spec.origin is None:
-        return Path("/nonexistent")
-    return Path(spec.origin).parent
+def worlds() -> tuple[str, ...]:
+    """Names of the kinds of world."""
+    return tuple(find(WORLDS))
+
+
+def world_type(name: str) -> WorldType:
+    """A kind of world.
+
+    Raises:
+        PluginError: it is unknown or cannot be loaded.
+    """
+    kind: WorldType = load(WORLDS, name)
+    return kind
 
 
 def nodes(task: str) -> dict[str, Any]:
-    """Every action and condition that a tree of this task may use, by name: those of grape and those of the task."""
-    from grape.actions.core import Action, Condition
+    """Every action and condition that a tree of this task may use, by name.
+
+    Raises:
+        PluginError: the task is unknown or cannot be loaded.
+        InvalidInput: two of its nodes have one name, or one is built in.
+    """
     from grape.bt import node_library
 
-    modules = [*_modules("grape.actions"), *_modules(f"grape.tasks.{task}")]
-    leaves = {id(leaf): leaf for m in modules for leaf in vars(m).values() if isinstance(leaf, Action | Condition)}
-    return dict(node_library(sorted(leaves.values(), key=lambda leaf: leaf.name)))
+    return dict(node_library(sorted(load(TASKS, task).leaves, key=lambda leaf: leaf.name)))
 
 
-def _modules(package: str) -> list[Any]:
-    root = importlib.import_module(package)
-    names = sorted(info.name for info in pkgutil.walk_packages(root.__path__, f"{package}."))
-    return [root, *(importlib.import_module(name) for name in names)]
+def _files(what: str, brought: Mapping[str, Mapping[str, Path]]) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for task, files in brought.items():
+        for name, path in files.items():
+            if found.setdefault(name, path) != path:
+                owner = next(other for other, theirs in brought.items() if name in theirs)
+                raise PluginError(f"{what} {name!r} is brought by the tasks {owner!r} and {task!r}; remove one")
+    return found

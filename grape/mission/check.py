@@ -8,7 +8,7 @@ from pathlib import Path
 
 from grape.config import load_yaml, read_text, validate_options
 from grape.errors import FileError, GrapeError, Problem, did_you_mean
-from grape.mission.catalog import built_in, nodes, robot_description, worlds
+from grape.mission.catalog import missions, nodes, robot_description, robots, trees, world_type, worlds
 
 KINDS = "mission or world (.yaml), site (.geojson), tree or MJCF (.xml), or the name of a robot, mission or tree"
 
@@ -49,13 +49,14 @@ def _check(name: str, task: str) -> str:
 
 
 def _check_name(name: str, task: str) -> str:
-    if name in built_in("robots"):
+    if name in robots():
         return _check_robot(name)
-    if name in built_in("missions"):
-        return _check_yaml(built_in("missions")[name])
-    if name in built_in("trees"):
-        return _check_xml(built_in("trees")[name], task)
-    known = [*built_in("robots"), *built_in("missions"), *built_in("trees")]
+    known_missions, known_trees = missions(), trees()
+    if name in known_missions:
+        return _check_yaml(known_missions[name])
+    if name in known_trees:
+        return _check_xml(known_trees[name], task)
+    known = [*robots(), *known_missions, *known_trees]
     if "/" in name or Path(name).suffix:
         read_text(Path(name))
     raise FileError(
@@ -71,7 +72,7 @@ def _check_yaml(path: Path) -> str:
         kind, known = document.data["type"], worlds()
         if kind not in known:
             raise FileError([document.problem(("type",), f"got {kind!r}", ", ".join(known))])
-        validate_options(known[kind].options, document, (), reserved=("type",))
+        validate_options(world_type(kind).options, document, (), reserved=("type",))
         return f"world of type {kind}"
     mission = load_mission(str(path))
     _check_xml(mission.tree, mission.file.task)

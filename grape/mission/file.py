@@ -12,7 +12,8 @@ from pydantic import Field
 
 from grape.config import Document, Model, load_yaml, override, read_text, validate, validate_options
 from grape.errors import FileError, Problem, did_you_mean
-from grape.mission.catalog import built_in, worlds
+from grape.mission.catalog import missions, robots, trees, world_type, worlds
+from grape.plugins import TASKS, find
 from grape.site import Site, load_site
 
 MODES = {"nail": ("nail",), "vine": ("plant", "plant_open_loop")}
@@ -125,7 +126,7 @@ def mission_path(name: str) -> Path:
     Raises:
         FileError: neither exists.
     """
-    known = built_in("missions")
+    known = missions()
     if name in known:
         return known[name]
     path = Path(name)
@@ -158,18 +159,17 @@ def _with_world(document: Document, path: Path) -> Document:
 
 def _check_names(file: MissionFile, document: Document, folder: Path, problems: list[Problem]) -> Path:
     """Robot, task and tree must exist; returns the tree's file."""
-    for kind, value in (("robot", file.robot), ("task", file.task)):
-        known = built_in(kind + "s")
+    for kind, value, known in (("robot", file.robot, robots()), ("task", file.task, tuple(find(TASKS)))):
         if value not in known:
             hint = did_you_mean(value, known)
             problems.append(document.problem((kind,), f"got {value!r}", ", ".join(known), hint))
-    trees = built_in("trees")
-    if file.tree in trees:
-        return trees[file.tree]
+    known_trees = trees()
+    if file.tree in known_trees:
+        return known_trees[file.tree]
     tree = folder / file.tree
     if not tree.is_file():
-        allowed = f"{', '.join(trees)}, or the path of an XML file"
-        problems.append(document.problem(("tree",), f"got {file.tree!r}", allowed, did_you_mean(file.tree, trees)))
+        allowed, hint = f"{', '.join(known_trees)}, or the path of an XML file", did_you_mean(file.tree, known_trees)
+        problems.append(document.problem(("tree",), f"got {file.tree!r}", allowed, hint))
     return tree
 
 
@@ -179,7 +179,7 @@ def _world_and_site(file: MissionFile, document: Document, folder: Path) -> tupl
     if kind not in known:
         allowed = ", ".join(known)
         raise FileError([document.problem(("world", "type"), f"got {kind!r}", allowed, did_you_mean(str(kind), known))])
-    world = known[kind]
+    world = world_type(kind)
     options = validate_options(world.options, document, ("world",), reserved=("type",), defaults={"seed": file.seed})
     if file.site is None:
         return options, world.site(options)

@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 from grape.actions.core import Context
 from grape.errors import InvalidInput
-from grape.mission.catalog import nodes, robot_description, worlds
+from grape.mission.catalog import nodes, robot_description, world_type
 from grape.mission.file import Mission
 from grape.mission.progress import Progress
 from grape.mission.record import read_events, write_atomic
@@ -59,7 +59,7 @@ def run_mission(
     tree = load_tree(mission.tree, nodes(mission.file.task))
     description = robot_description(mission.file.robot)
     robot = build_robot(description)
-    world = worlds()[mission.file.world.get("type", "vineyard")].grow(mission.site, mission.world)
+    world = world_type(mission.file.world.get("type", "vineyard")).grow(mission.site, mission.world)
     options = SimulationOptions(dispensers=mission.file.dispensers)
     simulation = Simulation(world, description, seed=mission.seed, options=options)
 

@@ -1,26 +1,28 @@
-"""`grape list`: what is built in."""
+"""`grape list`: what there is to name, from every plugin."""
 
 from __future__ import annotations
 
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Table
 
 from grape.config import load_yaml
-from grape.mission.catalog import built_in, nodes, worlds
+from grape.mission.catalog import broken, missions, nodes, robots, tasks, trees, worlds
 
 
 def print_catalog(console: Console | None = None) -> None:
     """Print missions, trees, robots, tasks, worlds and the nodes of each task with their ports."""
     console = console or Console()
-    missions = Table("mission", "what it does", title="Missions", title_justify="left")
-    for name, path in built_in("missions").items():
-        missions.add_row(name, str(load_yaml(path).data.get("description", "")))
-    console.print(missions)
-    for kind in ("trees", "robots", "tasks"):
-        console.print(f"[bold]{kind.capitalize()}[/]: {', '.join(built_in(kind))}")
-    console.print(f"[bold]Worlds[/]: {', '.join(worlds())}")
-    for task in built_in("tasks"):
+    table = Table("mission", "what it does", title="Missions", title_justify="left")
+    for name, path in missions().items():
+        table.add_row(name, str(load_yaml(path).data.get("description", "")))
+    console.print(table)
+    for kind, names in (("Trees", trees()), ("Robots", robots()), ("Tasks", tasks()), ("Worlds", worlds())):
+        console.print(f"[bold]{kind}[/]: {', '.join(names)}")
+    for task in tasks():
         console.print(_nodes(task))
+    for text in broken():
+        console.print(f"[red]error:[/] {escape(text)}")
 
 
 def _nodes(task: str) -> Table:

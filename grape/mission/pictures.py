@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from grape.mission.catalog import built_in, robot_description, worlds
+from grape.mission.catalog import missions, robot_description, world_type, worlds
 from grape.mission.file import Mission, load_mission
 
 DEFAULT = "dispenser_deployment"
@@ -27,7 +27,7 @@ def _mission_of(subject: str, overrides: list[str]) -> Mission:
     if subject in worlds():
         return load_mission(DEFAULT, ["plants=null", f"world.type={subject}", *overrides])
     is_site = path.suffix in (".geojson", ".json")
-    is_world = path.suffix in (".yaml", ".yml") and subject not in built_in("missions") and path.is_file()
+    is_world = path.suffix in (".yaml", ".yml") and subject not in missions() and path.is_file()
     if is_site or (is_world and "type" in load_yaml(path).data):
         return load_mission(DEFAULT, ["plants=null", "select={}", *overrides], path)
     return load_mission(subject, overrides)
@@ -40,7 +40,7 @@ def _take(mission: Mission, out: Path) -> list[Path]:
     from grape.sim.render import View
     from grape.sim.simulation import Simulation, SimulationOptions
 
-    world = worlds()[mission.file.world.get("type", "vineyard")].grow(mission.site, mission.world)
+    world = world_type(mission.file.world.get("type", "vineyard")).grow(mission.site, mission.world)
     options = SimulationOptions(dispensers=mission.file.dispensers)
     simulation = Simulation(world, robot_description(mission.file.robot), seed=mission.seed, options=options)
     corners = np.vstack([row.line for row in mission.site.rows] + [mission.site.start[None]])

@@ -35,11 +35,11 @@ def test_prediction_jacobian_agrees_with_finite_differences():
     F = np.empty((15, 15))
     for j in range(15):
         step = np.eye(15)[j] * h
-        plus, _ = kernels.predict(x + step, np.eye(15), none, none, dt)
-        minus, _ = kernels.predict(x - step, np.eye(15), none, none, dt)
+        plus, _ = kernels.predict(x + step, np.eye(15), none, none, none, dt)
+        minus, _ = kernels.predict(x - step, np.eye(15), none, none, none, dt)
         F[:, j] = (plus - minus) / (2 * h)
     P = some_covariance()
-    _, predicted = kernels.predict(x, P, none, none, dt)
+    _, predicted = kernels.predict(x, P, none, none, none, dt)
     assert np.allclose(predicted, F @ P @ F.T, atol=1e-7)
 
 

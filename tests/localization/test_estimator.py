@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from grape.geometry import rotation_from_rpy, yaw_of
+from grape.geometry import rotation_from_rpy, rotation_to_quaternion, yaw_of
 from grape.localization import EstimatorOptions, PoseEstimator
 
 
@@ -112,3 +112,29 @@ def test_position_is_given_up_after_many_fixes_that_agree_elsewhere(drive, datum
         imu, wheels = replace(ride.imu[0], stamp=stamp), replace(ride.wheels[0], stamp=stamp)
         estimator.advance(stamp, wheels=(wheels,), imu=(imu,), gnss=(fix(stamp, place, R, np.zeros(3)),))
     assert estimator.odometry(60.0).pose[0, 3] == pytest.approx(4.0, abs=0.05)
+
+
+def test_good_fix_after_a_slipping_bend_is_not_taken_for_a_jump(drive, datum, fix):
+    """The wheels turn the bend at full speed while the base loses 0.3 m: what a skidding base does on soil."""
+    ride = drive(12, 1.0, slope=0.0)
+    estimator = PoseEstimator(EstimatorOptions(datum=datum))
+    R, angle, yaw = rotation_from_rpy(0, 0, 0), np.zeros(4), 0.0
+    for k in range(400):
+        stamp = 0.02 * (k + 1)
+        bend = k >= 300
+        rate = 0.5 if bend else 0.0
+        yaw += rate * 0.02
+        R = rotation_from_rpy(0, 0, yaw)
+        angle = angle + (0.02 * 0.5 / 0.1651 if bend else 0.0)
+        wheels = replace(ride.wheels[0], stamp=stamp, position=angle)
+        imu = replace(
+            ride.imu[0],
+            stamp=stamp,
+            orientation=rotation_to_quaternion(R),
+            angular_velocity=np.array([0.0, 0.0, rate]),
+        )
+        true = np.array([max(0.0, 0.02 * (k - 300) * 0.3), 0.0, 0.0])
+        fixes = (fix(stamp, true, R, np.zeros(3)),) if k % 50 == 49 else ()
+        estimator.advance(stamp, wheels=(wheels,), imu=(imu,), gnss=fixes)
+    assert estimator.verdicts["gnss", "gated"] == 0
+    assert np.hypot(*(estimator.odometry(8.0).pose[:2, 3] - true[:2])) < 0.05
