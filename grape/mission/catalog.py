@@ -1,4 +1,4 @@
-"""What can be named on the command line and in mission files: all of it comes from plugins, ours and those of others."""
+"""What can be named on the command line and in mission files: all of it comes from plugins, also of other packages."""
 
 from __future__ import annotations
 

@@ -1,0 +1,126 @@
+"""What another package brings through entry points reaches the command line."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from grape.errors import FileError
+from grape.mission.catalog import broken, missions, nodes, tasks, trees, world_type
+from grape.mission.file import load_mission
+from grape.mission.listing import print_catalog
+from grape.plugins import PluginError
+
+MODULE = """
+from collections.abc import Generator
+from pathlib import Path
+
+from grape.actions.core import Context, Feedback, NoGoal, NoResult, action
+from grape.plugins import Task
+
+
+@action("PruneVine")
+def prune_vine(goal: NoGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
+    '''Cuts last year's canes.'''
+    yield Feedback()
+    return NoResult()
+
+
+HERE = Path(__file__).parent
+TASK = Task(
+    name="pruning",
+    summary="Prunes vines.",
+    actions=(prune_vine,),
+    trees={"prune_row": HERE / "prune_row.xml"},
+    missions={"winter_pruning": HERE / "winter_pruning.yaml"},
+)
+NO_TASK = 3
+"""
+TREE = """<root BTCPP_format="4" main_tree_to_execute="Prune">
+  <BehaviorTree ID="Prune"><PruneVine/></BehaviorTree>
+</root>
+"""
+MISSION = """name: winter_pruning
+description: Prunes one vine.
+task: pruning
+tree: prune_row
+plants: [{plant: r0v1, mode: plant}]
+"""
+
+
+@pytest.fixture
+def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Installs `vine-tools`, as pip leaves it on disk, with these entry points of the group grape.tasks."""
+
+    def install(entries: str) -> None:
+        info = tmp_path / "vine_tools-1.0.dist-info"
+        info.mkdir()
+        (info / "METADATA").write_text("Metadata-Version: 2.1\nName: vine-tools\nVersion: 1.0\n")
+        (info / "entry_points.txt").write_text(f"[grape.tasks]\n{entries}\n")
+        (tmp_path / "cane_pruning.py").write_text(MODULE)
+        (tmp_path / "prune_row.xml").write_text(TREE)
+        (tmp_path / "winter_pruning.yaml").write_text(MISSION)
+        monkeypatch.syspath_prepend(str(tmp_path))
+
+    forget()
+    yield install
+    forget()
+
+
+def forget() -> None:
+    for module in ("cane_pruning", "cane_trimming"):
+        sys.modules.pop(module, None)
+
+
+def listing() -> str:
+    console = Console(record=True, width=200, file=open("/dev/null", "w"))  # noqa: SIM115
+    print_catalog(console)
+    return console.export_text()
+
+
+def test_a_task_of_another_package_brings_its_nodes_trees_and_missions(package, tmp_path: Path) -> None:
+    package("pruning = cane_pruning:TASK")
+    assert list(nodes("pruning")) == ["PruneVine"]
+    assert trees()["prune_row"] == tmp_path / "prune_row.xml" and "dispenser_deployment" in trees()
+    mission = load_mission("winter_pruning")
+    assert (mission.file.task, mission.tree) == ("pruning", tmp_path / "prune_row.xml")
+    text = listing()
+    for word in ("winter_pruning", "Prunes one vine.", "prune_row", "PruneVine", "Cuts last year's canes."):
+        assert word in text
+
+
+def test_its_nodes_are_no_nodes_of_our_task(package) -> None:
+    package("pruning = cane_pruning:TASK")
+    assert "PruneVine" not in nodes("dispenser")
+
+
+def test_a_broken_package_leaves_ours_alone_and_is_listed(package) -> None:
+    package("pruning = cane_pruning:GONE\ncounting = cane_pruning:NO_TASK")
+    assert list(tasks()) == ["dispenser"] and "dispenser_deployment" in missions()
+    gone, number = sorted(broken(), key=lambda text: "counting" in text)
+    assert "'pruning' of vine-tools (cane_pruning:GONE) cannot be loaded" in gone
+    assert "'counting' of vine-tools (cane_pruning:NO_TASK) must be a Task, got int" in number
+    assert "cannot be loaded" in listing()
+    with pytest.raises(PluginError, match="GONE"):
+        nodes("pruning")
+
+
+def test_two_tasks_may_not_bring_one_mission(package, tmp_path: Path) -> None:
+    package("pruning = cane_pruning:TASK\ntrimming = cane_trimming:TASK")
+    (tmp_path / "more").mkdir()
+    (tmp_path / "cane_trimming.py").write_text(
+        MODULE.replace("Path(__file__).parent", "Path(__file__).parent / 'more'")
+    )
+    with pytest.raises(PluginError, match="mission 'winter_pruning' is brought by the tasks 'pruning' and 'trimming'"):
+        missions()
+
+
+def test_an_unknown_task_or_world_in_a_mission_lists_what_there_is(package) -> None:
+    package("pruning = cane_pruning:TASK")
+    with pytest.raises(FileError, match=r"task: got 'prunning'; allowed: dispenser, pruning; did you mean 'pruning'"):
+        load_mission("winter_pruning", ["task=prunning"])
+    with pytest.raises(PluginError, match="there are vineyard"):
+        world_type("orchard")
