@@ -38,8 +38,8 @@ class EkfOptions:
     Args:
         noise: (15,) variance gained per second, in units squared of each state.
         motion_noise: (15,) variance gained per metre driven: slip.
-        turn_noise: (15,) variance gained per radian turned; skidding wheels lose decimetres in a bend, and a filter that
-            does not expect it takes the next good fix for a jump.
+        turn_noise: (15,) variance gained per radian turned; skidding wheels lose decimetres in a bend, and a filter
+            that does not expect it takes the next good fix for a jump.
         two_d: hold z, roll, pitch and their rates at zero.
         history_s: how late a measurement may be; the filter is rewound and replayed for it.
         max_step_s: a longer prediction is split into steps of this length.
