@@ -77,9 +77,8 @@ class SimulatedArm(SampledSensor[JointState]):
         """Move the reference by one physics step and hand it to the actuators."""
         if self._physics.clock.step - self._last_send >= self._timeout_steps:
             self._target[:] = 0.0
-        measured = self._physics.data.qpos[self._qpos]
         if self._target.any() or self._velocity.any():
-            self._move(measured)
+            self._move(self._physics.data.qpos[self._qpos])
         # A position servo with damping trails a moving reference by damping / stiffness x speed: ask for so much more.
         self._physics.data.ctrl[self._actuators] = self._reference + self._lag_s * self._velocity
 

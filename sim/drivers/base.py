@@ -87,11 +87,13 @@ class SimulatedBase(SampledSensor[JointState]):
         self._angular = _towards(self._angular, self._target[1], options.angular_acceleration * STEP_S)
         speed = (self._linear + self._side * (0.5 * options.effective_track * self._angular)) / options.wheel_radius
         data = self._physics.data
-        lag = np.clip(self._reference + speed * STEP_S - data.qpos[self._qpos], -options.hold_lead, options.hold_lead)
+        wheels = data.qpos[self._qpos]
+        lag = self._reference + speed * STEP_S - wheels
+        lag = np.minimum(np.maximum(lag, -options.hold_lead), options.hold_lead)
         if not (self._linear or self._angular):
             # Parked wheels must share the load, or they push against each other and the base creeps.
             lag += (lag.mean() - lag) * (STEP_S / options.sharing_s)
-        self._reference = data.qpos[self._qpos] + lag
+        self._reference = wheels + lag
         data.ctrl[self._actuators] = speed + options.hold_gain * lag
 
     def _ticks(self) -> Array:

@@ -59,7 +59,7 @@ class SimulatedGripper(SampledSensor[GripperState]):
     def actuate(self) -> None:
         """Move the reference by one physics step and hand it to the actuators."""
         change = self._options.rate * STEP_S
-        step = np.clip(self._target - self._reference, -change, change)
+        step = np.minimum(np.maximum(self._target - self._reference, -change), change)
         self._reference += step
         self._physics.data.ctrl[self._actuators] = self._reference + self._lag_s / STEP_S * step
 
