@@ -101,8 +101,7 @@ class JointPlanner:
         start = self._joints(start, "start")
         before = checker.checked
         lower, upper = self.bounds(cable_reference)
-        if (start < lower - 1e-6).any() or (start > upper + 1e-6).any():
-            raise ActionFailed(Reason.CABLE_BUDGET, f"start {np.round(start, 3)} outside {lower} … {upper}")
+        lower, upper = np.minimum(lower, start), np.maximum(upper, start)  # from beyond its cables it may come back
         goals = [self._joints(goal, "goal") for goal in goals]
         reachable = self._reachable(start, goals, lower, upper)
         free = self._free_goals(reachable, checker)

@@ -140,7 +140,8 @@ class _Collector:
         self._read_scans()
         frames = self._ctx.world.frames
         stamped = [frames.lookup("base_link", WRIST_LIDAR, scan.stamp) for scan in self._scans]
-        ends = [frames.lookup("base_link", WRIST_LIDAR, scan.stamp + scan.scan_time) for scan in self._scans]
+        now = self._ctx.clock.now()  # the last scan may end later: the hand rests by then
+        ends = [frames.lookup("base_link", WRIST_LIDAR, min(s.stamp + s.scan_time, now)) for s in self._scans]
         sweep = assemble(
             self._scans, stamped, AssembleOptions(range_m=(0.30, 1.2), bearing_rad=(-1.3, 1.3)), T_map_lidar_end=ends
         )

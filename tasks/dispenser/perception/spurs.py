@@ -55,8 +55,8 @@ class SpurOptions:
             raise InvalidInput(f"spur options must be positive, got {self}")
 
 
-# For a smoothed sweep of the wrist LiDAR: sparser points, a 7 mm beam spot that widens stems by about as much, no use of
-# the diameter beyond leaving out arms.
+# For a smoothed sweep of the wrist LiDAR: sparser points, a 7 mm beam spot that widens stems; the diameter only leaves
+# arms out.
 LIDAR_SPURS = SpurOptions(
     voxel_m=0.003,
     outlier_m=0.013,
@@ -69,8 +69,8 @@ LIDAR_SPURS = SpurOptions(
         wide_m=0.028,
         gap_m=0.007,
         tip_beyond_m=-0.003,
-        diameter_bias_m=0.0055,
-        depth_share=0.0,
+        diameter_bias_m=0.002,
+        depth_share=0.35,
     ),
     score=ScoreOptions(diameter_m=(0.002, 0.0055, 0.015, 0.022)),
 )
