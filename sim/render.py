@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
-
-os.environ.setdefault("MUJOCO_GL", "egl")
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -56,7 +55,7 @@ class Renderer:
         self._aspect = width / height
         self._pretty = pretty
         self._reach_m = reach_m
-        self._gl = mujoco.GLContext(MAX_WIDTH, MAX_HEIGHT)
+        self._gl = _gl_context()
         self._gl.make_current()
         if pretty:
             _cast_shadows(model)
@@ -155,6 +154,15 @@ class Renderer:
             known = [self._model.camera(k).name for k in range(self._model.ncam)]
             raise InvalidInput(f"there is no camera {camera!r}; allowed: {known} or a View")
         return view
+
+
+def _gl_context() -> Any:
+    """An off-screen context of the kind that MUJOCO_GL names; EGL, which needs no display, where it names none."""
+    if os.environ.get("MUJOCO_GL", "egl").lower() == "egl":
+        from mujoco.egl import GLContext
+
+        return GLContext(MAX_WIDTH, MAX_HEIGHT)
+    return mujoco.GLContext(MAX_WIDTH, MAX_HEIGHT)
 
 
 def _make_context(model: mujoco.MjModel, pretty: bool) -> mujoco.MjrContext:
