@@ -86,7 +86,7 @@ def gated_mask(colour: Array, depth: Array, depth_range: tuple[float, float] | N
         reach = 2 * options.depth_fill_px + 1
         beside = cv2.dilate(gated.astype(np.uint8), np.ones((reach, reach), np.uint8)) > 0
         mask = gated | (colour & (depth <= 0) & beside)
-    out = mask.astype(np.uint8)
+    out: Array = mask.astype(np.uint8)
     for size, operation in ((options.open_px, cv2.MORPH_OPEN), (options.close_px, cv2.MORPH_CLOSE)):
         if size > 1:
             out = cv2.morphologyEx(out, operation, np.ones((size, size), np.uint8))

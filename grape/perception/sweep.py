@@ -219,7 +219,7 @@ def range_bias(sweep: Sweep, cloud: Array, options: BiasOptions | None = None) -
         return tree.query(points - bias * rays, distance_upper_bound=options.gate_m)
 
     shifts = np.arange(-options.search_m, options.search_m + options.step_m / 2, options.step_m)
-    scores = [np.maximum(0.0, 1.0 - matches(b)[0] / options.gate_m).sum() for b in shifts]
+    scores = [np.maximum(0.0, 1.0 - matches(float(b))[0] / options.gate_m).sum() for b in shifts]
     bias = float(shifts[int(np.argmax(scores))])
     for _ in range(3):
         distance, index = matches(bias)

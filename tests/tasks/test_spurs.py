@@ -9,7 +9,7 @@ from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose, Sco
 from grape.tasks.dispenser.perception.geodesic import GeodesicOptions, geodesic_candidates
 from grape.tasks.dispenser.perception.silhouette import silhouette_candidates
 from grape.tasks.dispenser.perception.spur_measure import RefineOptions
-from grape.tasks.dispenser.perception.spurs import MergeOptions, SpurOptions, extract_poses, merge_poses
+from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, MergeOptions, SpurOptions, extract_poses, merge_poses
 
 UP, TO_ROBOT = np.array([0.0, 0, 1]), np.array([0.0, -1, 0])
 EYE = np.array([[0.0, -0.45, 0.85]])
@@ -174,6 +174,15 @@ def test_poses_of_several_views_merge_to_their_medians():
         found = min(merged, key=lambda p: np.linalg.norm(p.tip - truth[1]))
         assert_pose(found, truth, tip_m=0.008)
         assert found.frames == 3 and found.factors["support"] == 1.0
+
+
+def test_a_sparse_noisy_lidar_cloud_still_shows_its_spur():
+    truth = spur(0.05, tilt=10)
+    tubes = [(start, end, radius + 0.0015) for start, end, radius in (ARM, truth, knob(0.05))]  # the beam's spot
+    points = surface(tubes, np.random.default_rng(5), noise=0.003, spacing=0.0022)
+    poses = extract_poses(points, EYE, LIDAR_SPURS)
+    assert len(poses) == 1
+    assert_pose(poses[0], truth, tip_m=0.012, degrees=10)
 
 
 def a_pose(tip=(0, 0, 0.9), score=0.8, direction=(0, 0, 1)):
