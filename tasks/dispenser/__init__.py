@@ -26,7 +26,7 @@ from grape.tasks.dispenser.actions.scan_vine import scan_vine
 from grape.tasks.dispenser.actions.servo_to_feeder import servo_to_feeder
 from grape.tasks.dispenser.actions.servo_to_nail import servo_to_nail
 from grape.tasks.dispenser.actions.servo_to_spur import servo_to_spur
-from grape.tasks.dispenser.conditions import dispensers_left, mode_is
+from grape.tasks.dispenser.conditions import dispensers_left, mode_is, reason_is_one_of
 
 TASK = Task(
     name="dispenser",
@@ -55,7 +55,7 @@ TASK = Task(
         unwind,
         wait_for_localization,
     ),
-    conditions=(dispensers_left, mode_is),
+    conditions=(dispensers_left, mode_is, reason_is_one_of),
     trees={"dispenser_deployment": Path(grape.trees.__file__).with_name("dispenser_deployment.xml")},
     missions={path.stem: path for path in sorted((Path(__file__).parent / "missions").glob("*.yaml"))},
 )

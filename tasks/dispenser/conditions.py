@@ -9,7 +9,7 @@ from grape.actions.core import Context, condition
 
 @dataclass(frozen=True, kw_only=True)
 class ModeIsGoal:
-    """Attributes: mode: the plant's mode. is_: the mode to compare with."""
+    """Attributes: mode: the plant's mode. expected: the mode to compare with."""
 
     mode: str
     expected: str
@@ -19,6 +19,20 @@ class ModeIsGoal:
 def mode_is(goal: ModeIsGoal, ctx: Context) -> bool:
     """Whether a plant is to be served in a given mode."""
     return goal.mode == goal.expected
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReasonIsOneOfGoal:
+    """Attributes: reason: code of the last failure. expected: the codes to compare with."""
+
+    reason: str
+    expected: tuple[str, ...]
+
+
+@condition("ReasonIsOneOf")
+def reason_is_one_of(goal: ReasonIsOneOfGoal, ctx: Context) -> bool:
+    """Whether the last failure has one of some reason codes, so that trying otherwise can help."""
+    return goal.reason in goal.expected
 
 
 @dataclass(frozen=True, kw_only=True)
