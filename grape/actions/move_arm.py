@@ -35,7 +35,9 @@ def move_arm_to_named(goal: MoveArmToNamedGoal, ctx: Context) -> Generator[Feedb
     if goal.pose not in poses:
         raise GoalRejected(f"no arm pose {goal.pose!r}; it has {', '.join(poses)} {did_you_mean(goal.pose, poses)}")
     with ctx.arm.lease("MoveArmToNamed") as arm:
-        yield from move_to_joints(ctx, arm, (poses[goal.pose],), status=f"moving to the {goal.pose} pose")
+        yield from move_to_joints(
+            ctx, arm, (poses[goal.pose],), status=f"moving to the {goal.pose} pose", absolute=True
+        )
     return NoResult()
 
 
@@ -153,8 +155,16 @@ def move_to_joints(
     *,
     status: str,
     boxes: Sequence[StaticBox] = (),
+    absolute: bool = False,
 ) -> Generator[Feedback, None, int]:
     """Plans to the quickest of several joint goals, times the path and follows it.
+
+    Args:
+        ctx, arm: context and leased arm.
+        goals: (n,) rad each; continuous joints are taken at the nearest turn that the cables allow.
+        status: what to tell meanwhile.
+        boxes: more obstacles, in base_link.
+        absolute: goals are meant as they are, so that wound cables are turned back.
 
     Returns:
         Index of the goal that was reached.
@@ -168,7 +178,7 @@ def move_to_joints(
         return 0
     checker = checker_for(ctx, boxes)
     path = yield from ctx.jobs.run(
-        ctx.robot.planner.plan, start, goals, checker, ctx.rng, cable_reference=limits.unwound
+        ctx.robot.planner.plan, start, goals, checker, ctx.rng, cable_reference=limits.unwound, absolute=absolute
     )
     trajectory = yield from ctx.jobs.run(
         time_path,

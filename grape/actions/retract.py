@@ -30,5 +30,5 @@ def retract(goal: RetractGoal, ctx: Context) -> Generator[Feedback, None, NoResu
             T_back = T @ pose(None, (0.0, 0.0, goal.back_off_m))
             yield from follow_hand_path(ctx, arm, straight(T, T_back, 2.0), 2.0, status="backing off")
         travel = np.asarray(ctx.robot.description.arm.poses[goal.pose])
-        yield from move_to_joints(ctx, arm, (travel,), status="retracting")
+        yield from move_to_joints(ctx, arm, (travel,), status="retracting", absolute=True)
     return NoResult()

@@ -10,7 +10,7 @@ import numpy as np
 from grape.geometry import transform
 from grape.kinematics import ArmModel, HandModel, read_body_pose, read_chain, read_shapes
 from grape.messages import Array
-from grape.planning import JointPlanner, LinkCapsule, SphereModel, StaticBox, build_sphere_model
+from grape.planning import JointPlanner, LinkCapsule, PlannerOptions, SphereModel, StaticBox, build_sphere_model
 
 _FINGER_RADIUS_M = 0.016
 _LOOP_HALF_LENGTH_M = 0.065
@@ -66,7 +66,12 @@ def build_robot(description: Any) -> Robot:
         hand=hand,
         body=body,
         loaded_body=body.holding(_held_loop(description, hand, len(limits.joints)), ("link_2", "link_3")),
-        planner=JointPlanner(limits.position_min, limits.position_max, limits.velocity_max),
+        planner=JointPlanner(
+            limits.position_min,
+            limits.position_max,
+            limits.velocity_max,
+            PlannerOptions(cable_budget_rad=limits.cable_turns),
+        ),
     )
 
 

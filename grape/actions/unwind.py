@@ -26,5 +26,5 @@ def unwind(goal: UnwindGoal, ctx: Context) -> Generator[Feedback, None, NoResult
     yield Feedback(status=f"cables are at {turned.max() / limits.cable_turns:.0%} of their budget")
     if (turned > 0.5 * limits.cable_turns).any():
         with ctx.arm.lease("Unwind") as arm:
-            yield from move_to_joints(ctx, arm, (limits.poses[goal.pose],), status="unwinding")
+            yield from move_to_joints(ctx, arm, (limits.poses[goal.pose],), status="unwinding", absolute=True)
     return NoResult()

@@ -84,6 +84,7 @@ class JointPlanner:
         rng: np.random.Generator,
         *,
         cable_reference: Array | None = None,
+        absolute: bool = False,
     ) -> JointPath:
         """The quickest path found from `start` to any of `goals`.
 
@@ -94,6 +95,7 @@ class JointPlanner:
             checker: what must not be touched.
             rng: drawn from once for each search; the same state of it gives the same path.
             cable_reference: (n,) angles at which the cables hang free; 0 when None.
+            absolute: goals are meant as they are, without whole turns added.
 
         Raises:
             ActionFailed: CABLE_BUDGET, IN_COLLISION (which link, how deep) or NO_PLAN.
@@ -103,7 +105,7 @@ class JointPlanner:
         lower, upper = self.bounds(cable_reference)
         lower, upper = np.minimum(lower, start), np.maximum(upper, start)  # from beyond its cables it may come back
         goals = [self._joints(goal, "goal") for goal in goals]
-        reachable = self._reachable(start, goals, lower, upper)
+        reachable = self._reachable(start, goals, lower, upper, absolute)
         free = self._free_goals(reachable, checker)
         free.sort(key=lambda item: self.duration(start, item[1]))
 
@@ -139,9 +141,14 @@ class JointPlanner:
             goal[i] = angles[np.argmin(np.abs(angles - start[i]))]
         return goal if ((goal >= lower - 1e-9) & (goal <= upper + 1e-9)).all() else None
 
-    def _reachable(self, start: Array, goals: list[Array], lower: Array, upper: Array) -> list[tuple[int, Array]]:
-        turned = [(i, self.nearest_turn(goal, start, lower, upper)) for i, goal in enumerate(goals)]
-        within = [(i, goal) for i, goal in turned if goal is not None]
+    def _reachable(
+        self, start: Array, goals: list[Array], lower: Array, upper: Array, absolute: bool
+    ) -> list[tuple[int, Array]]:
+        if absolute:
+            within = [(i, goal) for i, goal in enumerate(goals) if ((goal >= lower) & (goal <= upper)).all()]
+        else:
+            turned = [(i, self.nearest_turn(goal, start, lower, upper)) for i, goal in enumerate(goals)]
+            within = [(i, goal) for i, goal in turned if goal is not None]
         if not within:
             raise ActionFailed(
                 Reason.CABLE_BUDGET,

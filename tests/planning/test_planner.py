@@ -131,6 +131,16 @@ def test_a_start_beyond_the_cables_may_come_back(planner):
     assert abs(path.waypoints[-1][5] - BENT[5]) < 2 * np.pi + 1e-9
 
 
+def test_an_absolute_goal_is_taken_as_it_is(planner):
+    checker = StateChecker(build_sphere_model(placements=placements(), capsules=CAPSULES))
+    goal = BENT + joint_6(-2.0)
+    path = planner.plan(BENT + joint_6(3.0), [goal], checker, np.random.default_rng(0), absolute=True)
+    assert path.waypoints[-1] == pytest.approx(goal)
+    with pytest.raises(ActionFailed) as failure:
+        planner.plan(BENT, [BENT + joint_6(9.0)], checker, np.random.default_rng(0), absolute=True)
+    assert failure.value.reason is Reason.CABLE_BUDGET
+
+
 def test_a_goal_beyond_the_limits_is_a_typed_failure(planner):
     checker = StateChecker(build_sphere_model(placements=placements(), capsules=CAPSULES))
     with pytest.raises(ActionFailed) as failure:
