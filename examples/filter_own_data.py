@@ -1,7 +1,6 @@
 """The 15-state filter on data of your own: python examples/filter_own_data.py [LOG.csv]
 
-Each line is `time_s, sensor, value, …` with the sensors of `SENSORS`. Without a file a robot drives a circle, its
-gyroscope drifts, and one of its positions is far off.
+Lines are `time_s,sensor,value,…`. Without a file: a circle, a drifting gyroscope, and one position that is far off.
 """
 
 from __future__ import annotations
@@ -38,17 +37,15 @@ def measurements(lines: Iterable[list[str]]) -> Iterator[Measurement]:
     for time, sensor, *values in lines:
         names, std, gate = SENSORS[sensor.strip()]
         index, covariance = np.array([STATE.index(name) for name in names]), np.diag(np.square(std))
-        value = np.array([float(text) for text in values])
+        value = np.array(values, float)
         yield Measurement(stamp=float(time), source=sensor, index=index, value=value, covariance=covariance, gate=gate)
 
 
 def main() -> None:
-    """Fuse the log and print the pose every ten seconds, and what was refused."""
+    """Print the pose every ten seconds, and what was refused."""
     own = [line.split(",") for path in sys.argv[1:] for line in Path(path).read_text().splitlines()]
-    log = own or made_up_log(np.random.default_rng(0))
-    ekf = Ekf(0.0, np.array([0.0, -2.0, *[0.0] * 13]), np.eye(15) * 0.01, EkfOptions(two_d=True))
-    next_line = 10.0
-    for measurement in measurements(log):
+    ekf, next_line = Ekf(0.0, np.r_[0.0, -2.0, np.zeros(13)], np.eye(15) * 0.01, EkfOptions(two_d=True)), 10.0
+    for measurement in measurements(own or made_up_log(np.random.default_rng(0))):
         done = ekf.correct(measurement)
         if not done.accepted:
             print(f"{measurement.stamp:5.1f} s  {measurement.source} {done.verdict}, distance {done.distance:.0f}")

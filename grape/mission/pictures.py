@@ -8,6 +8,7 @@ from grape.mission.catalog import missions, robot_description, world_type, world
 from grape.mission.file import Mission, load_mission
 
 DEFAULT = "dispenser_deployment"
+ANY_PLANT = "select={vines: 1}"  # a mission needs one; pictures do not
 
 
 def render_scene(subject: str, out: Path, seed: int | None, assignments: list[str]) -> list[Path]:
@@ -25,11 +26,11 @@ def _mission_of(subject: str, overrides: list[str]) -> Mission:
 
     path = Path(subject)
     if subject in worlds():
-        return load_mission(DEFAULT, ["plants=null", f"world.type={subject}", *overrides])
+        return load_mission(DEFAULT, ["plants=null", ANY_PLANT, f"world.type={subject}", *overrides])
     is_site = path.suffix in (".geojson", ".json")
     is_world = path.suffix in (".yaml", ".yml") and subject not in missions() and path.is_file()
     if is_site or (is_world and "type" in load_yaml(path).data):
-        return load_mission(DEFAULT, ["plants=null", "select={}", *overrides], path)
+        return load_mission(DEFAULT, ["plants=null", ANY_PLANT, *overrides], path)
     return load_mission(subject, overrides)
 
 
