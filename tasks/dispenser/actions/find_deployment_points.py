@@ -17,7 +17,7 @@ from grape.perception.cloud import crop_mask, image_to_points, voxel_grid
 from grape.perception.sweep import debias, range_bias, smooth_sweep
 from grape.tasks.dispenser.actions.scan_vine import VineScan
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
-from grape.tasks.dispenser.perception.spurs import extract_poses, merge_poses
+from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, extract_poses, merge_poses
 from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, row_distance
 from grape.tasks.dispenser.targets import HangTarget
 
@@ -110,7 +110,7 @@ def extract(goal: FindDeploymentPointsGoal, row_y: float) -> tuple[tuple[Deploym
     if frames:
         return merge_poses(views), cloud
     vine = lidar[crop_mask(lidar, low, high)]
-    return extract_poses(vine, sweep.origins[:: max(1, len(sweep.origins) // 20)]), cloud
+    return extract_poses(vine, sweep.origins[:: max(1, len(sweep.origins) // 20)], LIDAR_SPURS), cloud
 
 
 def _without_hand(points: Array, T_hand_camera: Array) -> Array:

@@ -19,17 +19,20 @@ class GraspDispenserGoal:
 
     Attributes:
         level: of the dispenser, 0 is the lowest.
-        drag_m: towards the feeder's open side, so that the loop's ends leave their channels.
+        rise_m: straight up first, so that the loop's ends come over the lips of their trays.
+        drag_m: then towards the feeder's open side, out from under the level above.
         clear_m: height of the nails over the topmost level to which the dispenser is lifted straight up.
         lift_speed: m/s, mean.
-        open_s, drag_s: durations.
+        open_s, rise_s, drag_s: durations.
     """
 
     level: int
+    rise_m: float = 0.0065
     drag_m: float = 0.024
     clear_m: float = 0.12
     lift_speed: float = 0.08
     open_s: float = 2.0
+    rise_s: float = 0.6
     drag_s: float = 1.0
 
 
@@ -53,10 +56,12 @@ def grasp_dispenser(goal: GraspDispenserGoal, ctx: Context) -> Generator[Feedbac
             fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]),
         )  # fmt: skip
         lift = (robot.description.feeder.levels - 1 - goal.level) * robot.description.feeder.pitch + goal.clear_m
-        T_dragged = pose(None, (-goal.drag_m, 0.0, 0.0)) @ nails_held(goal.open_s)
+        T_risen = pose(None, (0.0, 0.0, goal.rise_m)) @ nails_held(goal.open_s)
+        T_dragged = pose(None, (-goal.drag_m, 0.0, 0.0)) @ T_risen
         T_lifted = pose(None, (0.0, 0.0, lift)) @ T_dragged
         for name, T_start, T_end, duration in (
-            ("dragging", nails_held(goal.open_s), T_dragged, goal.drag_s),
+            ("raising", nails_held(goal.open_s), T_risen, goal.rise_s),
+            ("dragging", T_risen, T_dragged, goal.drag_s),
             ("lifting", T_dragged, T_lifted, lift / goal.lift_speed),
         ):
             yield from follow_hand_path(
