@@ -20,6 +20,7 @@ from grape.tasks.dispenser.actions.finish_plant import finish_plant
 from grape.tasks.dispenser.actions.grasp_dispenser import grasp_dispenser
 from grape.tasks.dispenser.actions.hang_dispenser import hang_dispenser
 from grape.tasks.dispenser.actions.holds_dispenser import holds_dispenser
+from grape.tasks.dispenser.actions.lower_onto_target import lower_onto_target
 from grape.tasks.dispenser.actions.next_plant import next_plant
 from grape.tasks.dispenser.actions.next_target import next_target
 from grape.tasks.dispenser.actions.scan_vine import scan_vine
@@ -44,6 +45,7 @@ TASK = Task(
         grasp_dispenser,
         hang_dispenser,
         holds_dispenser,
+        lower_onto_target,
         move_arm_to_named,
         next_plant,
         next_target,
