@@ -11,6 +11,8 @@ import numpy as np
 from grape.errors import InvalidInput
 from grape.messages import Array
 
+_IDENTITY = np.eye(3)
+
 
 def pose(rotation: Array | None = None, translation: Array | tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Array:
     """The 4 x 4 pose with a 3 x 3 rotation (identity when None) and a translation in metres."""
@@ -156,10 +158,11 @@ def wrap_angle(angle: Array | float) -> Array | float:
 def is_pose(T: Array, tolerance: float = 1e-6) -> bool:
     """Whether T is a finite 4 x 4 matrix with a proper rotation and a last row 0 0 0 1."""
     T = np.asarray(T)
-    return bool(
-        T.shape == (4, 4)
-        and np.isfinite(T).all()
-        and np.allclose(T[3], [0, 0, 0, 1], atol=tolerance)
-        and np.allclose(T[:3, :3] @ T[:3, :3].T, np.eye(3), atol=tolerance)
-        and np.linalg.det(T[:3, :3]) > 0
-    )
+    if T.shape != (4, 4) or max(abs(T[3, 0]), abs(T[3, 1]), abs(T[3, 2]), abs(T[3, 3] - 1.0)) > tolerance:
+        return False
+    if not np.isfinite(T[:3, 3]).all():
+        return False
+    R = T[:3, :3]
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    determinant = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+    return bool(np.abs(R @ R.T - _IDENTITY).max() <= tolerance and determinant > 0)
