@@ -1,0 +1,214 @@
+"""Bringing a dispenser to nail or spur, servoing, letting go, and looking whether it hangs."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from paper_robot import Bench
+
+from grape.actions.obstacles import OBSTACLES, Obstacles
+from grape.errors import GoalRejected, Reason
+from grape.geometry import pose_error
+from grape.robots.husky_jaco2 import DESCRIPTION
+from grape.tasks.dispenser.actions.approach_nail import ApproachNailGoal, approach_nail
+from grape.tasks.dispenser.actions.approach_spur import ApproachSpurGoal, approach_spur
+from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
+from grape.tasks.dispenser.actions.hang_dispenser import HangDispenserGoal, hang_dispenser
+from grape.tasks.dispenser.actions.servo_to_nail import ServoToNailGoal, servo_to_nail
+from grape.tasks.dispenser.actions.servo_to_spur import ServoToSpurGoal, servo_to_spur
+from grape.tasks.dispenser.targets import HangTarget
+
+GRIPPER = DESCRIPTION.gripper
+
+
+def nails(bench: Bench, angle: float = GRIPPER.open_angle):
+    return bench.robot.hand.T_hand_nails(angle)
+
+
+def in_hand(bench: Bench) -> None:
+    bench.ledger.move_dispenser("feeder", "hand")
+    bench.fingers.angles = bench.fingers.target = np.array(
+        [GRIPPER.thumb_clear, GRIPPER.open_angle, GRIPPER.open_angle]
+    )
+
+
+def attempts(bench: Bench, plant: str) -> int:
+    return next(task.attempts for task in bench.ledger.plants() if task.plant == plant)
+
+
+def test_hand_comes_to_the_stand_off_before_the_nail(bench: Bench) -> None:
+    in_hand(bench)
+    target = bench.run(approach_nail(ApproachNailGoal(plant="n0"), bench.ctx)).target
+    error = pose_error(target.hand_pose(nails(bench), 0.14), bench.hand)
+    assert np.linalg.norm(error[:3]) < 0.01 and np.linalg.norm(error[3:]) < 0.03
+    assert (target.plant, attempts(bench, "n0")) == ("n0", 1)
+    assert bench.ctx.arm.owner is None
+
+
+def test_a_vine_is_no_nail(bench: Bench) -> None:
+    with pytest.raises(GoalRejected):
+        bench.run(approach_nail(ApproachNailGoal(plant="v0"), bench.ctx))
+    assert bench.arm.sent == 0 and attempts(bench, "v0") == 0, "a refused goal is no attempt"
+
+
+def test_a_nail_beyond_the_arm_is_unreachable(bench: Bench) -> None:
+    bench.base.pose = bench.base.pose - [0.0, 1.5, 0.0]
+    bench.advance()
+    assert bench.failure(approach_nail(ApproachNailGoal(plant="n0"), bench.ctx)).reason is Reason.UNREACHABLE
+
+
+def test_hand_comes_above_the_spur_and_keeps_off_the_vine(bench: Bench, task: SimpleNamespace) -> None:
+    in_hand(bench)
+    target = task.spur_target(bench)
+    cordon = np.array([[x, 0.84, 0.42] for x in np.arange(-0.3, 1.2, 0.01)])
+    bench.world.committed[OBSTACLES] = Obstacles(cordon)
+    bench.run(approach_spur(ApproachSpurGoal(target=target), bench.ctx))
+    error = pose_error(target.hand_pose(nails(bench), 0.10), bench.hand)
+    assert np.linalg.norm(error[:3]) < 0.01 and np.linalg.norm(error[3:]) < 0.03
+    assert attempts(bench, "v0") == 1
+
+
+def test_a_spur_behind_wood_is_unreachable(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.spur_target(bench)
+    x, z = np.meshgrid(np.arange(-0.5, 1.5, 0.02), np.arange(-0.1, 1.5, 0.02))
+    wall = np.column_stack([x.ravel(), np.full(x.size, 0.60), z.ravel()])
+    bench.world.committed[OBSTACLES] = Obstacles(wall)
+    assert bench.failure(approach_spur(ApproachSpurGoal(target=target), bench.ctx)).reason is Reason.UNREACHABLE
+
+
+def test_servoing_finds_the_nail_beside_its_surveyed_place(bench: Bench, task: SimpleNamespace) -> None:
+    surveyed = task.put_nail(bench)
+    nail = task.put_nail(bench, (0.020, -0.012, 0.015))
+    task.at_target(bench, surveyed, 0.14)
+    result = bench.run(servo_to_nail(ServoToNailGoal(target=surveyed), bench.ctx))
+    assert result.refined.tip == pytest.approx(nail.tip, abs=0.002)
+    error = pose_error(nail.hand_pose(nails(bench)), bench.hand)
+    assert np.linalg.norm(error[:3]) < 0.002 and np.linalg.norm(error[3:]) < 0.02
+    assert bench.log.last("servo")["error_px"] < 0.5 and bench.log.pictures == ["ServoToNail"]
+    samples = [fields for kind, fields in bench.log.events if kind == "servo_sample"]
+    assert len(samples) > 20 and len(samples[-1]["corners"]) == 8
+    assert bench.ctx.arm.owner is None and not bench.arm.velocity.any()
+
+
+def test_servoing_stops_when_the_markers_vanish(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.put_nail(bench)
+    task.at_target(bench, target, 0.14)
+    run = servo_to_nail(ServoToNailGoal(target=target), bench.ctx)
+    for _ in range(150):
+        next(run)
+        bench.advance()
+    bench.scene.markers.clear()
+    place = bench.hand
+    assert bench.failure(run).reason is Reason.FEATURE_LOST
+    assert np.linalg.norm(pose_error(place, bench.hand)[:3]) < 0.02, "it came to rest within 0.3 s"
+
+
+def test_servoing_stops_when_the_camera_stops(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.put_nail(bench)
+    task.at_target(bench, target, 0.14)
+    run = servo_to_nail(ServoToNailGoal(target=target), bench.ctx)
+    for _ in range(150):
+        next(run)
+        bench.advance()
+    bench.camera.frozen = True
+    assert bench.failure(run).reason is Reason.STALE_DATA
+    assert not bench.arm.velocity.any()
+
+
+def test_servoing_finds_the_tip_of_a_spur_beside_where_it_was_scanned(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.spur_target(bench)
+    shift = np.array([0.010, 0.006, -0.008])
+    tip = target.tip + shift
+    bench.scene.rods = [(tip - 0.08 * target.direction, tip, 0.005)]
+    task.at_target(bench, target, 0.10)
+    result = bench.run(servo_to_spur(ServoToSpurGoal(target=target), bench.ctx))
+    assert result.refined.tip - target.tip == pytest.approx(shift, abs=0.006)
+    assert result.refined.rotation() == pytest.approx(target.rotation()), "orientation is held"
+    assert bench.ctx.arm.owner is None
+
+
+def test_a_spur_that_is_not_there_is_lost(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.spur_target(bench)
+    task.at_target(bench, target, 0.10)
+    assert bench.failure(servo_to_spur(ServoToSpurGoal(target=target), bench.ctx)).reason is Reason.FEATURE_LOST
+
+
+def test_nails_stay_in_place_while_the_fingers_close_then_back_off(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.put_nail(bench)
+    in_hand(bench)
+    task.at_target(bench, target)
+    begin, track = (bench.hand @ nails(bench))[:3, 3], []
+    for feedback in hang_dispenser(HangDispenserGoal(target=target), bench.ctx):
+        bench.advance()
+        place = bench.hand @ nails(bench, float(bench.fingers.angles[1]))
+        track.append((feedback.status, place[:3, 3] - begin))
+    closing = np.array([shift for status, shift in track if status.startswith("closing")])
+    backing = np.array([shift for status, shift in track if status.startswith("released")])
+    assert bench.fingers.angles[1:] == pytest.approx(GRIPPER.closed_angle, abs=0.01)
+    assert np.abs(closing).max() < 0.001
+    assert backing[-1] == pytest.approx([0.0, -0.14, 0.0], abs=0.002), "back along the fingers"
+    assert bench.ledger.account()["deployed"] == 1 and bench.ledger.dispensers()["n0"] == 1
+
+
+def hung_at(bench: Bench, target: HangTarget) -> None:
+    """A dispenser was put on the nail and the hand has backed off, fingers closed."""
+    bench.ledger.move_dispenser("feeder", "hand")
+    bench.ledger.move_dispenser("hand", target.plant)
+    bench.fingers.angles = bench.fingers.target = np.array(
+        [GRIPPER.thumb_clear, GRIPPER.closed_angle, GRIPPER.closed_angle]
+    )
+    T_closed = target.hand_pose(nails(bench, GRIPPER.closed_angle))
+    T_closed[:3, 3] += 0.14 * T_closed[:3, 2]
+    bench.put_hand(T_closed)
+
+
+def check(bench: Bench, target: HangTarget):
+    return check_deployment(CheckDeploymentGoal(target=target), bench.ctx)
+
+
+def test_wings_at_the_nail_confirm_the_deployment(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.put_nail(bench)
+    hung_at(bench, target)
+    bench.scene.wings = [target.tip + np.array([side * 0.02, -0.01, -0.03]) for side in (-1.0, 1.0)]
+    bench.run(check(bench, target))
+    assert bench.ledger.dispensers()["n0"] == 1
+    assert bench.log.last("check")["value"] is True and bench.log.pictures == ["deployment"]
+
+
+def test_a_dispenser_that_stayed_on_the_nails_is_back_in_the_hand(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.put_nail(bench)
+    hung_at(bench, target)
+    bench.scene.held = True
+    failure = bench.failure(check(bench, target))
+    assert failure.reason is Reason.DEPLOYMENT_NOT_CONFIRMED
+    account = bench.ledger.account()
+    assert (account["on_hand"], account["lost"], account["deployed"]) == (1, 0, 0)
+
+
+@pytest.mark.parametrize("away", [None, (0.35, 0.0, -0.05)])
+def test_a_dispenser_that_is_not_at_its_place_is_lost(bench: Bench, task: SimpleNamespace, away) -> None:
+    target = task.put_nail(bench)
+    hung_at(bench, target)
+    if away is not None:
+        bench.scene.wings = [target.tip + np.array(away)]
+    failure = bench.failure(check(bench, target))
+    assert failure.reason is Reason.DEPLOYMENT_NOT_CONFIRMED and "0 wings at the target" in failure.detail
+    account = bench.ledger.account()
+    assert (account["on_hand"], account["lost"], account["deployed"]) == (0, 1, 0)
+
+
+def test_a_check_without_camera_leaves_the_account_alone(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.put_nail(bench)
+    hung_at(bench, target)
+    bench.camera.frozen = True
+    assert bench.failure(check(bench, target)).reason is Reason.STALE_DATA
+    assert bench.ledger.dispensers()["n0"] == 1
+
+
+def test_targets_of_one_plant_differ_only_where_they_should(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.spur_target(bench)
+    moved = replace(target, tip=target.tip + 0.01)
+    assert moved.hand_pose(nails(bench))[:3, 3] - target.hand_pose(nails(bench))[:3, 3] == pytest.approx([0.01] * 3)
