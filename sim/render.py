@@ -6,6 +6,7 @@ Rendering runs without a window; the environment variable MUJOCO_GL chooses how 
 from __future__ import annotations
 
 import os
+import weakref
 from dataclasses import dataclass
 from typing import Any
 
@@ -60,6 +61,8 @@ class Renderer:
         if pretty:
             _cast_shadows(model)
         self._context = _make_context(model, pretty)
+        self._release = weakref.finalize(self, _free, self._gl, self._context)
+        self._release.atexit = False  # MuJoCo ends the display by itself, maybe before
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._context)
         self._context.readDepthMap = mujoco.mjtDepthMap.mjDEPTH_ZEROFAR
         self._scene = mujoco.MjvScene(model, maxgeom=_MAX_GEOMS)
@@ -113,9 +116,8 @@ class Renderer:
         cv2.copyTo(cv2.resize(small, (width, height)), background.astype(np.uint8), self._rgb)
 
     def close(self) -> None:
-        """Give the graphics memory back."""
-        self._context.free()
-        self._gl.free()
+        """Give the graphics memory back, as happens to a renderer that is dropped."""
+        self._release()
 
     def _draw(self, data: mujoco.MjData, camera: str | View) -> None:
         self._gl.make_current()
@@ -163,6 +165,13 @@ def _gl_context() -> Any:
 
         return GLContext(MAX_WIDTH, MAX_HEIGHT)
     return mujoco.GLContext(MAX_WIDTH, MAX_HEIGHT)
+
+
+def _free(gl: Any, context: mujoco.MjrContext) -> None:
+    """Free a context's objects where they are: by numbers, which mean another renderer's objects in its context."""
+    with gl.as_current():
+        context.free()
+    gl.free()
 
 
 def _make_context(model: mujoco.MjModel, pretty: bool) -> mujoco.MjrContext:
