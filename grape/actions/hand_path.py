@@ -43,7 +43,7 @@ def straight(T_start: Array, T_end: Array, duration_s: float) -> Callable[[float
     """A straight, minimum-jerk hand path of `duration_s` between two poses (4, 4)."""
 
     def pose_at(t: float) -> Array:
-        return interpolate(T_start, T_end, smooth_step(t / duration_s))
+        return interpolate(T_start, T_end, smooth_step(t / duration_s) if duration_s > 0 else 1.0)
 
     return pose_at
 

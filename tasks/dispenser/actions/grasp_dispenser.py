@@ -9,7 +9,7 @@ import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.hand_path import follow_hand_path, smooth_step, straight
-from grape.geometry import pose
+from grape.geometry import pose, rotation_x
 from grape.messages import Array
 
 
@@ -38,7 +38,10 @@ class GraspDispenserGoal:
 
 @action("GraspDispenser")
 def grasp_dispenser(goal: GraspDispenserGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
-    """Opens the fingers inside the loop while the arm keeps the nails in place, drags it out and lifts it."""
+    """Opens the fingers inside the loop while the arm keeps the nails in place, raises it, drags it out and lifts it.
+
+    Opening turns the nails, and the loop with them: the hand turns against it, so that both ends rise alike.
+    """
     robot = ctx.robot
     gripper = robot.description.gripper
     with ctx.arm.lease("GraspDispenser") as arm, ctx.gripper.lease("GraspDispenser") as fingers:
@@ -49,7 +52,8 @@ def grasp_dispenser(goal: GraspDispenserGoal, ctx: Context) -> Generator[Feedbac
             return gripper.closed_angle + s * (gripper.open_angle - gripper.closed_angle)
 
         def nails_held(t: float) -> Array:
-            return T_base_nails @ np.linalg.inv(robot.hand.T_hand_nails(angle_at(t)))
+            level = pose(rotation_x(smooth_step(t / goal.open_s) * (gripper.reference - gripper.open_angle)))
+            return T_base_nails @ level @ np.linalg.inv(robot.hand.T_hand_nails(angle_at(t)))
 
         yield from follow_hand_path(
             ctx, arm, nails_held, goal.open_s, status="opening the fingers in the loop", gripper=fingers,

@@ -17,6 +17,7 @@ from grape.tasks.dispenser.actions.approach_nail import ApproachNailGoal, approa
 from grape.tasks.dispenser.actions.approach_spur import ApproachSpurGoal, approach_spur
 from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
 from grape.tasks.dispenser.actions.hang_dispenser import HangDispenserGoal, hang_dispenser
+from grape.tasks.dispenser.actions.lower_onto_target import LowerOntoTargetGoal, lower_onto_target
 from grape.tasks.dispenser.actions.servo_to_nail import ServoToNailGoal, servo_to_nail
 from grape.tasks.dispenser.actions.servo_to_spur import ServoToSpurGoal, servo_to_spur
 from grape.tasks.dispenser.targets import HangTarget
@@ -134,6 +135,20 @@ def test_a_spur_that_is_not_there_is_lost(bench: Bench, task: SimpleNamespace) -
     target = task.spur_target(bench)
     task.at_target(bench, target, 0.10)
     assert bench.failure(servo_to_spur(ServoToSpurGoal(target=target), bench.ctx)).reason is Reason.FEATURE_LOST
+
+
+@pytest.mark.parametrize("back_off", [0.10, 0.0])
+def test_hand_is_lowered_straight_onto_a_spur_without_looking(
+    bench: Bench, task: SimpleNamespace, back_off: float
+) -> None:
+    target = task.spur_target(bench)
+    task.at_target(bench, target, back_off)
+    bench.camera.silent = True
+    start = bench.now()
+    result = bench.run(lower_onto_target(LowerOntoTargetGoal(target=target), bench.ctx))
+    assert np.linalg.norm(pose_error(target.hand_pose(nails(bench)), bench.hand)) < 0.002
+    assert bench.now() - start == pytest.approx(back_off / 0.04 + 0.2, abs=0.05)
+    assert result.reached is target and bench.ctx.arm.owner is None
 
 
 def test_nails_stay_in_place_while_the_fingers_close_then_back_off(bench: Bench, task: SimpleNamespace) -> None:
