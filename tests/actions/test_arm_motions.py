@@ -254,3 +254,7 @@ def test_no_motion_ends_farther_from_unwound_than_the_cables_allow(bench: Bench)
 
     bench.run(go())
     assert (np.abs(bench.arm.q - DESCRIPTION.arm.unwound) < DESCRIPTION.arm.cable_turns + 0.01).all()
+
+
+def test_a_path_of_no_duration_is_its_end() -> None:
+    assert straight(AHEAD, AHEAD, 0.0)(0.0) == pytest.approx(AHEAD)
