@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grape.actions.core import Context, Feedback
+from grape.actions.core import Context, Feedback, Status
 from grape.control.differential_ik import DifferentialIk, shift_twist
 from grape.control.ibvs import MarkerServo
 from grape.control.point_servo import PointServo
 from grape.drivers import ArmDriver
-from grape.errors import ActionFailed, Reason, StaleData
+from grape.errors import ActionFailed, LeaseRevoked, Reason, StaleData
 from grape.geometry import inverse, transform
 from grape.messages import Array, RgbdImage
 from grape.perception.markers import MarkerDetector, corner_points, project
@@ -66,8 +66,14 @@ def servo_on_markers(
         return state.converged
 
     loop = _Loop(ctx, arm, name=name, status=status, timeout_s=timeout_s)
-    yield from loop.run(take, servo.twist, lambda: f"{servo.state.error_px:.1f} px, {servo.state.stage}")
-    return loop.finish(servo.state.error_px, servo.state.frames)
+    return (
+        yield from loop.run(
+            take,
+            servo.twist,
+            describe=lambda: f"{servo.state.error_px:.1f} px, {servo.state.stage}",
+            measure=lambda: (servo.state.error_px, servo.state.frames),
+        )
+    )
 
 
 def servo_on_point(
@@ -108,8 +114,14 @@ def servo_on_point(
         return state.converged
 
     loop = _Loop(ctx, arm, name=name, status=status, timeout_s=timeout_s)
-    yield from loop.run(take, servo.twist, lambda: f"{1e3 * servo.state.error_m:.0f} mm, {servo.state.stage}")
-    return loop.finish(error_px, servo.state.frames)
+    return (
+        yield from loop.run(
+            take,
+            servo.twist,
+            describe=lambda: f"{1e3 * servo.state.error_m:.0f} mm, {servo.state.stage}",
+            measure=lambda: (error_px, servo.state.frames),
+        )
+    )
 
 
 class _Loop:
@@ -122,6 +134,38 @@ class _Loop:
         self._begin = ctx.clock.now()
 
     def run(
+        self,
+        take: Callable[[RgbdImage, Array], bool],
+        twist: Callable[[float, Array], Array],
+        describe: Callable[[], str],
+        measure: Callable[[], tuple[float, int]],
+    ) -> Generator[Feedback, None, ServoOutcome]:
+        """Servo to the end, and write down how it ended.
+
+        Args:
+            take: gets a frame and `T_base_camera`; tells whether the features are where they should be.
+            twist: (6,) of the camera at a time, in base_link.
+            describe: how it stands, for a person.
+            measure: error in px and frames used so far.
+        """
+        reason = str(Reason.INTERNAL_ERROR)
+        try:
+            yield from self._follow(take, twist, describe)
+            reason = ""
+        except ActionFailed as failed:
+            reason = str(failed.reason)
+            raise
+        except StaleData:
+            reason = str(Reason.STALE_DATA)
+            raise
+        except (GeneratorExit, LeaseRevoked):
+            reason = str(Status.PREEMPTED)
+            raise
+        finally:
+            outcome = self._finish(*measure(), reason)
+        return outcome
+
+    def _follow(
         self,
         take: Callable[[RgbdImage, Array], bool],
         twist: Callable[[float, Array], Array],
@@ -145,10 +189,16 @@ class _Loop:
             self._arm.send(self._solver.solve(ctx.world.joints(), wish).velocity)
             yield Feedback(status=f"{self._status} ({describe()})")
 
-    def finish(self, error_px: float, iterations: int) -> ServoOutcome:
+    def _finish(self, error_px: float, iterations: int, reason: str) -> ServoOutcome:
         outcome = ServoOutcome(error_px=error_px, iterations=iterations, duration_s=self._ctx.clock.now() - self._begin)
         self._ctx.log.event(
-            "servo", action=self._name, error_px=error_px, iterations=iterations, duration_s=outcome.duration_s
+            "servo",
+            action=self._name,
+            converged=not reason,
+            reason=reason,
+            error_px=error_px,
+            iterations=iterations,
+            duration_s=outcome.duration_s,
         )
         return outcome
 

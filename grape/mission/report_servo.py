@@ -58,13 +58,13 @@ def _take(run: ServoRun, event: dict[str, Any]) -> None:
 def servo_card(run: ServoRun) -> str:
     """One run as a card: picture plane on the left, error on the right."""
     end = run.end
-    result = f"{end['error_px']:.2f} px" if end.get("error_px") is not None else "no end"
+    result = f"{end['error_px']:.2f} px" if end.get("error_px") is not None else "an unknown error"
     converged = end.get("converged")
     badge = (
         ""
         if converged is None
         else f'<span class="badge {"ok" if converged else "bad"}">'
-        + ("converged</span>" if converged else "not converged</span>")
+        + ("converged</span>" if converged else f"{escape(str(end.get('reason') or 'not converged'))}</span>")
     )
     duration = run.times[-1] - run.start_s
     error = [(t - run.start_s, e) for t, e in zip(run.times, run.errors, strict=True)]

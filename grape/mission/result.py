@@ -15,6 +15,7 @@ from grape.mission.record import plain, write_atomic
 from grape.mission.runner import Finding
 
 SCHEMA = "grape.result/1"
+SERVO_KEYS = ("action", "converged", "reason", "error_px", "iterations")
 ENDED = ("succeeded", "aborted", "preempted", "rejected")
 
 
@@ -25,7 +26,7 @@ class PlantRecord:
     Attributes:
         phases_s: seconds by action name.
         arrived_s, retracted_s: when the base stood, and when the arm was back.
-        servo: one entry for each servo run.
+        servo: one entry for each servo run, converged or not.
     """
 
     phases_s: dict[str, float] = field(default_factory=dict)
@@ -54,7 +55,7 @@ def plant_records(events: Iterable[dict[str, Any]]) -> dict[str, PlantRecord]:
         elif kind == "action" and event["status"] in ENDED:
             _add_action(current, event)
         elif kind == "servo":
-            current.servo.append({key: event.get(key) for key in ("action", "error_px", "iterations", "converged")})
+            current.servo.append({key: event.get(key) for key in SERVO_KEYS})
     return records
 
 
@@ -117,7 +118,7 @@ def build_result(
 
 
 def _plant(task: Any, record: PlantRecord) -> dict[str, Any]:
-    last = record.servo[-1] if record.servo else {}
+    last = next((run for run in reversed(record.servo) if run["converged"]), {})
     return {
         "id": task.plant,
         "mode": task.mode,

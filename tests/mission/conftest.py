@@ -145,7 +145,7 @@ def serve(context: Context, plant: str, outcome: Outcome, reason: str = "") -> N
     ledger.attempt(plant)
     ledger.move_dispenser("feeder", "hand")
     ledger.move_dispenser("hand", plant if outcome is Outcome.DEPLOYED else "lost")
-    log.event("servo", action="ServoToSpur", error_px=1.5, iterations=80, converged=True)
+    log.event("servo", action="ServoToSpur", error_px=1.5, iterations=80, converged=True, reason="")
     ledger.finish(plant, outcome, reason)
     log.event("plant_finished", plant=plant, outcome=str(outcome), reason=reason)
 

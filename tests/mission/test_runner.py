@@ -126,6 +126,8 @@ def test_the_result_has_every_field_of_the_schema(
         if ticks == 2:
             serve(context, "r0v1", Outcome.DEPLOYED)
             serve(context, "r0n0", Outcome.SKIPPED, "not_converged")
+            failed = {"converged": False, "reason": "feature_lost", "error_px": float("inf"), "iterations": 3}
+            context.log.event("servo", action="ServoToNail", **failed)
             context.log.event("recovery", name="BackUp")
         return Status.SUCCEEDED if ticks == 5 else None
 
@@ -142,7 +144,10 @@ def test_the_result_has_every_field_of_the_schema(
     assert first["cycle_s"] == pytest.approx(19.0)
     assert first["phases_s"] == {"DriveToPlant": 20.0, "ServoToFeeder": 8.0, "HangDispenser": 6.0, "Retract": 5.0}
     assert (first["servo"]["error_px"], first["servo"]["iterations"], first["attempts"]) == (1.5, 80, 1)
-    assert result["plants"][1]["reason"] == "not_converged"
+    second = result["plants"][1]
+    assert second["reason"] == "not_converged"
+    assert [(run["converged"], run["reason"]) for run in second["servo"]["runs"]] == [(True, ""), (False, "feature_lost")]
+    assert (second["servo"]["error_px"], second["servo"]["iterations"]) == (1.5, 80), "of the last that converged"
     assert result["dispensers"] == {"loaded": 8, "deployed": 1, "left": 6, "lost": 1, "on_hand": 0}
     assert result["truth"] == backend.verdict()["truth"]
     assert result["localization"] == {"position_rmse_m": 0.0123, "yaw_rmse_deg": 0.5, "max_error_m": 0.03}
