@@ -107,6 +107,7 @@ class _Drive:
         self._driven = 0.0
         self._replans = 0
         self._blocked_by = ""
+        self._in_way = ""
         self.wants_plan = False
 
     @property
@@ -155,7 +156,7 @@ class _Drive:
         self._replans += 1
         if self._replans > MAX_REPLANS:
             raise ActionFailed(Reason.BLOCKED, f"{MAX_REPLANS} detours did not lead past what is in the way")
-        self._ctx.log.event("replanned", length_m=path.length, reason=self._blocked_by)
+        self._ctx.log.event("recovery", how="detour", why=self._in_way, length_m=path.length)
         self._start_path()
 
     def beat(self, base: BaseDriver) -> None:
@@ -204,6 +205,10 @@ class _Drive:
             raise ActionFailed(Reason.FENCE, f"the robot came into a fence at ({pose[0]:.2f}, {pose[1]:.2f})")
         twist = np.array([odometry.linear[0], odometry.angular[2]])
         step = self._follower.step(self._state, self._path, pose, twist, self._local, CONTROL_PERIOD_S)
+        if step.state.retreats > self._state.retreats:
+            across = 100 * in_frame_of(pose, self._target)[1]
+            why = f"{abs(across):.1f} cm to the {'left' if across > 0 else 'right'} of the goal"
+            self._ctx.log.event("recovery", how="retreat", why=why)
         factor = speed_factor(step.v, step.w, self._points, self._monitor)
         gain = step.state.turn_gain if factor == 1.0 else self._state.turn_gain
         self._command = (factor * step.v, factor * step.w)
@@ -235,6 +240,8 @@ class _Drive:
         )
         if (in_way or self._blocked_now) and now >= self._due.get("replan", 0.0) and path_left > 0.5:
             self.wants_plan = True
+            standing = f"for {now - self._free_s:.1f} s" if self._blocked_now else "ahead"
+            self._in_way = f"something is in the way {standing}"
 
     def _start_path(self) -> None:
         self._state = FollowerState(

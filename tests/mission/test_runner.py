@@ -128,7 +128,7 @@ def test_the_result_has_every_field_of_the_schema(
             serve(context, "r0n0", Outcome.SKIPPED, "not_converged")
             failed = {"converged": False, "reason": "feature_lost", "error_px": float("inf"), "iterations": 3}
             context.log.event("servo", action="ServoToNail", **failed)
-            context.log.event("recovery", name="BackUp")
+            context.log.event("recovery", how="retreat", why="4.0 cm to the left of the goal")
         return Status.SUCCEEDED if ticks == 5 else None
 
     runner, _ = make_runner(script)

@@ -220,6 +220,50 @@ def test_person_who_leaves_is_waited_for(setting):
     assert any("waiting" in f.status for f in feedback)
 
 
+def recoveries(ctx: core.Context) -> list[dict[str, Any]]:
+    """Fields of the `recovery` events from now on."""
+    noted: list[dict[str, Any]] = []
+    ctx.log = SimpleNamespace(event=lambda kind, **fields: noted.append(fields) if kind == "recovery" else None)  # type: ignore[assignment]
+    return noted
+
+
+def test_undisturbed_drive_needs_no_recovery(setting):
+    machine, ctx = setting()
+    noted = recoveries(ctx)
+    drive(machine, ctx, DriveGoal(x=1.0, y=-0.835, yaw=0.0))
+    assert noted == []
+
+
+def test_detour_around_an_obstacle_is_a_recovery(setting):
+    machine, ctx = setting()
+    noted = recoveries(ctx)
+
+    def appear(now: float) -> None:
+        if now > 1.5:
+            machine.circles = np.array([[0.5, -1.0, 0.15]])
+
+    result, _ = drive(machine, ctx, DriveGoal(x=3.0, y=-0.835, yaw=0.0), appear)
+    detours = [event for event in noted if event["how"] == "detour"]
+    assert detours and len(detours) == result.replans
+    assert all(event["why"].startswith("something is in the way") and event["length_m"] > 0 for event in detours)
+
+
+def test_retreat_from_beside_the_goal_is_a_recovery(setting):
+    machine, ctx = setting()
+    noted, goal, slipped = recoveries(ctx), DriveGoal(x=1.0, y=-0.835, yaw=0.0), []
+
+    def slip(now: float) -> None:
+        if not slipped and machine.pose[0] > goal.x - 0.05:
+            slipped.append(now)
+            machine.pose = machine.pose - [0.0, 0.08, 0.0]
+
+    result, _ = drive(machine, ctx, goal, slip)
+    assert abs(result.across_m) < 0.03 and slipped
+    (event,) = noted
+    assert event["how"] == "retreat"
+    assert "cm to the right of the goal" in event["why"] and float(event["why"].split()[0]) > 3.0
+
+
 def test_drive_that_takes_too_long_times_out(setting):
     goal = DriveGoal(x=4.0, y=-0.835, yaw=0.0, timeout_s=2.0)
     assert failure(setting(), goal).reason is Reason.TIMEOUT
