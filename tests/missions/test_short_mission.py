@@ -1,4 +1,4 @@
-"""The real thing for a few seconds: simulation, drivers, tree and run folder together."""
+"""The real thing: simulation, drivers, tree and run folder together, for a few seconds and for one whole plant."""
 
 from __future__ import annotations
 
@@ -8,25 +8,48 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from grape.mission.file import load_mission
 from grape.mission.launch import MissionRun, run_mission
 from grape.mission.ledger import SqliteLedger
+from grape.mission.record import read_events
 from grape.mission.result import without_wall_clock
+from grape.navigation.route import park_beside
+from grape.sim.worlds import VineyardOptions, vineyard_site
+from grape.site import save_site
 
-SECONDS = 3.0
-SMALL = ["world.rows=1", "world.vines_per_row=5", "plants=[{plant: r0v1, mode: plant}]"]
+SECONDS = 9.0
+ROW = ["world.rows=1", "world.vines_per_row=2"]
+NAIL = "plants=[{plant: r0n0, mode: nail}]"
 
 
 @pytest.fixture(scope="module")
-def runs(tmp_path_factory: pytest.TempPathFactory) -> list[MissionRun]:
+def short_way(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Settings of a mission on one nail that starts 0.75 m before the stop beside it."""
     os.environ.setdefault("MUJOCO_GL", "egl")
-    mission = load_mission("dispenser_deployment", [*SMALL, f"time_limit_s={SECONDS}", "seed=3"])
+    site = vineyard_site(VineyardOptions(rows=1, vines_per_row=2))
+    x, y, yaw = park_beside(site, "r0n0", "fore")
+    path = tmp_path_factory.mktemp("site") / "site.geojson"
+    save_site(replace(site, start=np.array([x - 0.75, y - 0.1]), start_heading_rad=yaw), path)
+    return [*ROW, NAIL, f"site={path}", "seed=3"]
+
+
+@pytest.fixture(scope="module")
+def runs(short_way: list[str], tmp_path_factory: pytest.TempPathFactory) -> list[MissionRun]:
+    """The first seconds twice: driving, then servoing over the feeder."""
+    mission = load_mission("dispenser_deployment", [*short_way, f"time_limit_s={SECONDS}"])
     folder = tmp_path_factory.mktemp("runs")
     return [run_mission(mission, folder / name) for name in ("one", "two")]
+
+
+def kinds(run: MissionRun) -> Counter[str]:
+    return Counter(event["kind"] for event in read_events(run.folder / "events.jsonl"))
 
 
 def test_a_mission_that_runs_out_of_time_ends_with_a_complete_folder(runs: list[MissionRun]) -> None:
@@ -46,7 +69,8 @@ def test_the_robot_knows_where_it_is_and_harms_nothing(runs: list[MissionRun]) -
     assert result["localization"]["position_rmse_m"] < 0.10
     assert result["truth"]["in_feeder"] == 8
     assert result["truth"]["fence_crossings"] == 0
-    assert result["navigation"]["distance_m"] > 0.0, "it sets out"
+    assert result["navigation"]["distance_m"] > 0.3, "it drove"
+    assert kinds(runs[0])["servo_sample"] > 5, "it looked at the feeder's markers"
 
 
 def test_the_same_seed_twice_gives_the_same_run(runs: list[MissionRun]) -> None:
@@ -59,7 +83,7 @@ def test_the_same_seed_twice_gives_the_same_run(runs: list[MissionRun]) -> None:
 def test_ctrl_c_stops_the_robot_and_completes_the_folder(tmp_path: Path) -> None:
     out = tmp_path / "run"
     command = [sys.executable, "-c", "from grape.cli import main; main()", "run", "--out", str(out)]
-    for assignment in SMALL:
+    for assignment in (*ROW, NAIL):
         command += ["--set", assignment]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     deadline = time.monotonic() + 90
@@ -72,3 +96,20 @@ def test_ctrl_c_stops_the_robot_and_completes_the_folder(tmp_path: Path) -> None
     result = json.loads((out / "result.json").read_text())
     assert result["status"] == "aborted"
     assert (out / "report.html").exists() and "Traceback" not in text
+
+
+@pytest.mark.slow
+def test_a_dispenser_is_hung_on_a_nail_and_the_robot_knows(short_way: list[str], tmp_path: Path) -> None:
+    run = run_mission(load_mission("dispenser_deployment", short_way), tmp_path / "run")
+    result, truth = run.result, run.result["truth"]
+    (plant,) = result["plants"]
+    assert (result["status"], plant["outcome"], plant["reason"]) == ("succeeded", "deployed", "")
+    assert truth["hanging"] == ["r0n0"] and truth["plants"]["r0n0"]["hanging"]
+    assert result["dispensers"] == {"loaded": 8, "deployed": 1, "left": 7, "lost": 0, "on_hand": 0}
+    assert (truth["in_feeder"], truth["on_hand"], truth["dropped"]) == (7, 0, 0), "the account agrees with the referee"
+    assert truth["collisions"] == [] and truth["fence_crossings"] == 0
+    assert plant["attempts"] == 1 and 10.0 < plant["cycle_s"] < 150.0
+    assert plant["servo"]["error_px"] < 0.5
+    assert result["localization"]["position_rmse_m"] < 0.10
+    pictures = {path.stem for path in (run.folder / "pictures").iterdir()}
+    assert any("grasp" in name for name in pictures) and any("deployment" in name for name in pictures)
