@@ -199,7 +199,7 @@ class Context:
 
     Attributes:
         robot: description and models of the robot (`grape.robots.Robot`).
-        config: parameters of the mission file for actions, by action name.
+        config: the mission's defaults of goal fields by node name, for nodes of the tree that leave the field out.
     """
 
     clock: Clock

@@ -29,15 +29,16 @@ class Leaf(Behaviour):
         self._run = run
 
     def _goal(self) -> Any:
-        """The goal with the present values of the ports.
+        """The goal with the present values of the ports; the mission's defaults stand in for those not given.
 
         Raises:
             GoalRejected: an entry is missing, its text does not fit, or the goal refuses the values.
         """
         leaf = self.node.leaf
         assert leaf is not None
+        names = dict.fromkeys([*self.node.inputs, *self._run.ctx.config.get(self.node.tag, ())])
         try:
-            return leaf.goal_type(**{name: self._run.read(self.node, name) for name in self.node.inputs})
+            return leaf.goal_type(**{name: self._run.read(self.node, name) for name in names})
         except (MissingEntry, InvalidInput) as error:
             raise GoalRejected(str(error)) from error
 

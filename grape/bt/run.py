@@ -51,7 +51,7 @@ class Run:
     halted: Callable[[str], None] = field(default=lambda name: None)
 
     def read(self, node: Node, port: str) -> Any:
-        """The present value of an input port.
+        """The present value of an input port; what the tree does not give comes from the mission, else the field.
 
         Raises:
             MissingEntry: it reads an entry that nothing has written, and it has no default.
@@ -59,12 +59,13 @@ class Run:
         """
         value = node.inputs.get(port)
         declared = node.ports[port]
+        default = self.ctx.config.get(node.tag, {}).get(port, declared.default)
         if value is None:
-            return declared.default
+            return default
         if isinstance(value, Literal):
             return value.value
         if value.name not in self.board and not declared.required:
-            return declared.default
+            return default
         return self.board.read(value.name, declared.type)
 
     def setting(self, node: Node, port: str) -> Any:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -64,6 +64,7 @@ class Mission:
         world: options of the world's generator.
         site: the surveyed site, or the one that the generator lays out.
         surveyed: whether the site is the user's.
+        actions: defaults of goal fields by node, with the types of the fields.
     """
 
     file: MissionFile
@@ -72,6 +73,7 @@ class Mission:
     site: Site
     surveyed: bool
     plants: tuple[PlantGoal, ...]
+    actions: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -115,9 +117,11 @@ def load_mission(name: str, overrides: Iterable[str] = (), world: Path | None = 
     except FileError as error:
         problems += error.problems
     plants = _plants(file, document, site, problems) if site is not None else ()
+    actions = _actions(file, document, problems)
     if problems or options is None or site is None:
         raise FileError(problems)
-    return Mission(file=file, tree=tree, world=options, site=site, surveyed=file.site is not None, plants=plants)
+    surveyed = file.site is not None
+    return Mission(file=file, tree=tree, world=options, site=site, surveyed=surveyed, plants=plants, actions=actions)
 
 
 def mission_path(name: str) -> Path:
@@ -187,6 +191,17 @@ def _world_and_site(file: MissionFile, document: Document, folder: Path) -> tupl
     if not path.is_file():
         raise FileError([document.problem(("site",), f"got {file.site!r}", "the path of a GeoJSON file")])
     return options, load_site(path)
+
+
+def _actions(file: MissionFile, document: Document, problems: list[Problem]) -> Mapping[str, Mapping[str, Any]]:
+    """Defaults of goal fields, checked against the nodes of the task."""
+    if not file.actions or file.task not in find(TASKS):
+        return {}
+    from grape.mission.goal_defaults import goal_defaults
+
+    checked, wrong = goal_defaults(file.actions, file.task, document)
+    problems += wrong
+    return checked
 
 
 def _plants(file: MissionFile, document: Document, site: Site, problems: list[Problem]) -> tuple[PlantGoal, ...]:

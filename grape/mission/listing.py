@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
@@ -29,12 +31,20 @@ def _nodes(task: str) -> Table:
     from grape.bt.ports import Direction, leaf_ports, type_name
 
     table = Table("node", "ports", "what it does", title=f"Nodes of task {task}", title_justify="left", show_lines=True)
+    table.caption, table.caption_justify = "→ read (= default, where there is one), ← written, ↔ both", "left"
     arrows = {Direction.INPUT: "→", Direction.OUTPUT: "←", Direction.INOUT: "↔"}
     for name, leaf in nodes(task).items():
         ports = [
             f"{arrows[port.direction]} {port.name}: {type_name(port.type)}"
-            + ("" if port.required or port.direction is Direction.OUTPUT else " (optional)")
+            + ("" if port.required or port.direction is Direction.OUTPUT else f" = {_default(port.default)}")
             for port in leaf_ports(leaf).values()
         ]
         table.add_row(name, "\n".join(ports), leaf.summary)
     return table
+
+
+def _default(value: Any) -> str:
+    """A default as short as it can be read."""
+    if isinstance(value, tuple):
+        return f"({', '.join(_default(item) for item in value)})"
+    return f"{value:.4g}" if isinstance(value, float) else str(value) or "''"

@@ -122,7 +122,7 @@ class Runner:
             log=self.log,
             ledger=self.ledger,
             rng=np.random.default_rng([mission.seed, 7]),
-            config=mission.file.actions,
+            config=mission.actions,
         )
         self._sensing = Sensing(backend.drivers, self.context.world, robot)
         self._make_tree = make_tree

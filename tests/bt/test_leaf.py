@@ -174,6 +174,20 @@ def test_an_optional_entry_that_is_not_yet_written_gives_the_default(bench: Simp
     assert seen == [SeenGoal(value=-1.0)]
 
 
+def test_the_missions_default_stands_in_for_a_field_that_the_tree_leaves_out(bench: SimpleNamespace) -> None:
+    seen: list[SeenGoal] = []
+    ctx = bench.context()
+    ctx.config = {"Seen": {"value": 5.0}, "Drive": {"via": (1.0,)}}
+    body = (
+        '<Sequence><Seen/><Seen value="3"/><Seen value="{d}"/><Drive distance="0" driven="{d}"/>'
+        '<Seen value="{d}"/></Sequence>'
+    )
+    assert bench.executor(bench.root(body), [drive, watch(seen)], ctx).tick() == "succeeded"
+    # left out; given by the tree; mapped, but not written yet; mapped and written
+    assert [goal.value for goal in seen] == [5.0, 3.0, 5.0, 0.0]
+    assert ctx.log.of("action")[0]["goal"] == {"distance": 0.0, "via": [1.0], "note": "none"}
+
+
 PREEMPTIONS = {
     # the tree, ticks until the spin is preempted, and the last line of the trace
     "halt": ("<Spin/>", None, "Spin:halted"),

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from grape.errors import FileError
+from grape.actions.core import Context, Feedback, NoResult, action
+from grape.errors import FileError, InvalidInput
 from grape.mission.file import Mission, load_mission
 from grape.mission.launch import make_folder, write_inputs
 from grape.site import save_site
@@ -30,10 +34,18 @@ def test_the_seed_is_also_the_worlds_unless_the_world_has_its_own() -> None:
 
 
 def test_overrides_reach_mission_world_and_action_parameters() -> None:
-    overrides = ["world.style=gobelet", "world.slope=0.15", "time_limit_s=60", "actions.ServoToNail.gain=0.5"]
+    overrides = ["world.style=gobelet", "world.slope=0.15", "time_limit_s=60", "actions.ScanVine.speed=0.1"]
     mission = load_mission("dispenser_deployment", overrides)
     assert (mission.world.style, mission.world.slope, mission.file.time_limit_s) == ("gobelet", 0.15, 60)
-    assert mission.file.actions["ServoToNail"] == {"gain": 0.5}
+    assert mission.actions == {"ScanVine": {"speed": 0.1}}
+
+
+def test_defaults_of_goals_get_the_types_of_their_fields(tmp_path: Path) -> None:
+    overrides = ["actions.FindDeploymentPoints={height_m: [0.3, 1], pitches: [1]}", "actions.Unwind={}"]
+    mission = load_mission("dispenser_deployment", overrides)
+    assert mission.actions == {"FindDeploymentPoints": {"height_m": (0.3, 1.0), "pitches": (1.0,)}, "Unwind": {}}
+    write_inputs(mission, tmp_path)
+    assert load_mission(str(tmp_path / "mission.yaml")).actions == mission.actions
 
 
 @pytest.mark.parametrize(
@@ -54,6 +66,16 @@ def test_overrides_reach_mission_world_and_action_parameters() -> None:
         ("dispensers=9", "less than or equal to 8"),
         ("time_limit_s=0", "greater than 0"),
         ("sede=3", "did you mean 'seed'?"),
+        ("actions.ScanVin.speed=1", "actions.ScanVin: unknown node; allowed: ApproachNail, "),
+        ("actions.ScanVin.speed=1", "did you mean 'ScanVine'?"),
+        ("actions.ScanVine.sped=1", "actions.ScanVine.sped: unknown key; allowed: half_length_m, speed, "),
+        ("actions.ScanVine.sped=1", "did you mean 'speed'?"),
+        ("actions.ScanVine.speed=fast", "actions.ScanVine.speed: got 'fast'; allowed: number"),
+        ("actions.ScanVine.images=1.5", "actions.ScanVine.images: got 1.5; allowed: "),
+        ("actions.ScanVine.plant=r0v1", "actions.ScanVine.plant: the tree always gives this port; allowed: half_"),
+        ("actions.ScanVine.scan=1", "actions.ScanVine.scan: unknown key"),
+        ("actions.FindDeploymentPoints.height_m=[1]", "actions.FindDeploymentPoints.height_m.1: is missing"),
+        ("actions.ScanVine=fast", "actions.ScanVine: got 'fast'"),
         ("site=nowhere.geojson", "site: got 'nowhere.geojson'"),
     ],
 )
@@ -73,6 +95,39 @@ def test_problems_in_the_file_name_line_and_column(tmp_path: Path) -> None:
     path.write_text("name: mine\nplants:\n  - {plant: r0v77, mode: plant}\n")
     (problem,) = problems_of(str(path))
     assert problem.startswith(f"{path}:3:6: plants.0.plant: the site has no 'r0v77'")
+
+
+def test_problems_of_goal_defaults_name_line_and_column(tmp_path: Path) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text("name: mine\nactions:\n  ScanVine:\n    speed: fast\n  Scan: {}\n")
+    first, second = problems_of(str(path))
+    assert first.startswith(f"{path}:4:5: actions.ScanVine.speed: got 'fast'")
+    assert second.startswith(f"{path}:5:3: actions.Scan: unknown node")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CreepGoal:
+    speed: float = 0.1
+    cloud: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        if self.speed > 0.3:
+            raise InvalidInput(f"speed must be at most 0.3 m/s, got {self.speed}")
+
+
+def test_goal_defaults_pass_the_checks_of_the_goal(monkeypatch: pytest.MonkeyPatch) -> None:
+    @action("Creep")
+    def creep(goal: CreepGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
+        """Creeps."""
+        yield Feedback()
+        return NoResult()
+
+    monkeypatch.setattr("grape.mission.goal_defaults.nodes", lambda task: {"Creep": creep})
+    assert load_mission("dispenser_deployment", ["actions.Creep.speed=0.2"]).actions == {"Creep": {"speed": 0.2}}
+    (problem,) = problems_of("dispenser_deployment", ["actions.Creep.speed=0.5"])
+    assert problem == "--set: actions.Creep: the goal is refused: speed must be at most 0.3 m/s, got 0.5"
+    (problem,) = problems_of("dispenser_deployment", ["actions.Creep.cloud=1"])
+    assert "actions.Creep.cloud: unknown key; allowed: speed" in problem, "a file cannot hold an array"
 
 
 def test_an_unknown_mission_gets_a_suggestion() -> None:

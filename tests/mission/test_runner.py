@@ -71,6 +71,12 @@ def test_a_failed_tree_names_the_action_that_failed(make_runner: Make) -> None:
     assert runner.run().detail == "Main/MoveArm: no_plan: blocked"
 
 
+def test_actions_get_the_missions_defaults(make_runner: Make, mission: Mission) -> None:
+    object.__setattr__(mission, "actions", {"ScanVine": {"speed": 0.1}})
+    runner, _ = make_runner(lambda context, ticks: Status.SUCCEEDED)
+    assert runner.context.config == {"ScanVine": {"speed": 0.1}}
+
+
 def test_the_time_limit_ends_a_mission(make_runner: Make, mission: Mission) -> None:
     object.__setattr__(mission, "file", mission.file.model_copy(update={"time_limit_s": 0.2}))
     runner, trees = make_runner(end_at(1000))
@@ -146,7 +152,8 @@ def test_the_result_has_every_field_of_the_schema(
     assert (first["servo"]["error_px"], first["servo"]["iterations"], first["attempts"]) == (1.5, 80, 1)
     second = result["plants"][1]
     assert second["reason"] == "not_converged"
-    assert [(run["converged"], run["reason"]) for run in second["servo"]["runs"]] == [(True, ""), (False, "feature_lost")]
+    runs = [(run["converged"], run["reason"]) for run in second["servo"]["runs"]]
+    assert runs == [(True, ""), (False, "feature_lost")]
     assert (second["servo"]["error_px"], second["servo"]["iterations"]) == (1.5, 80), "of the last that converged"
     assert result["dispensers"] == {"loaded": 8, "deployed": 1, "left": 6, "lost": 1, "on_hand": 0}
     assert result["truth"] == backend.verdict()["truth"]
