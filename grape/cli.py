@@ -20,7 +20,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,  # drawing the help with rich takes twice as long as everything else together
     help="Mobile-manipulation tasks as behaviour trees, in simulation and on real robots with the same trees.",
-    epilog="Exit codes: 0 succeeded, 1 error in the input, 2 partial, 3 failed, 130 aborted (Ctrl-C).",
+    epilog="Begin with `grape run`, then open report.html in the run folder that it names. Exit codes: 0 succeeded,"
+    " 1 error in the input, 2 partial, 3 failed, 130 aborted (Ctrl-C).",
 )
 
 
@@ -40,25 +41,36 @@ def _main(
 
 
 Assignments = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Any key of the mission file; repeatable.")
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="Change a key of the mission file, such as world.rows=5; repeatable."
+    ),
 ]
 WorldFile = Annotated[
-    Path | None, typer.Option("--world", metavar="FILE", help="Another world: its YAML, or a site's GeoJSON.")
+    Path | None, typer.Option("--world", metavar="FILE", help="Use another world: a world's YAML, or a site's GeoJSON.")
 ]
 
 
 @app.command()
 def run(
     mission: Annotated[
-        str, typer.Argument(help="Name of a built-in mission, or a YAML file.")
+        str, typer.Argument(help="Name of a built-in mission (see `grape list`), or a YAML file.")
     ] = "dispenser_deployment",
-    seed: Annotated[int | None, typer.Option(help="Seed of world and sensors.", min=0)] = None,
-    out: Annotated[Path | None, typer.Option(help="Run folder; default runs/<mission>-seed<N>-<n>.")] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="Seed of world and sensor noise; default: the mission's.", min=0)
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="New run folder; default: runs/<mission>-seed<N>-<n>.")
+    ] = None,
     world: WorldFile = None,
     assignments: Assignments = None,
-    render: Annotated[bool, typer.Option("--render", help="Keep pictures of a camera that follows the robot.")] = False,
+    render: Annotated[
+        bool, typer.Option("--render", help="Also take pictures from behind the robot, into render/.")
+    ] = False,
 ) -> None:
     """Run a mission in simulation and write its run folder.
+
+    The folder holds report.html to look at, result.json for programs, events, pictures, and what ran.
 
     Exit codes: 0 every plant served, 1 error in the input, 2 some plants served, 3 none or a crash, 130 aborted.
     """
@@ -69,9 +81,9 @@ def run(
 
 @app.command("list")
 def list_() -> None:
-    """List what is built in, and the nodes of each task.
+    """List what can be named: missions, trees, robots, tasks, worlds.
 
-    Missions, trees, robots, tasks, worlds, and action nodes with their ports.
+    And the nodes (actions and conditions) that trees may use, with their ports and defaults.
     """
     from grape.mission.listing import print_catalog
 
@@ -80,10 +92,13 @@ def list_() -> None:
 
 @app.command()
 def check(
-    files: Annotated[list[str], typer.Argument(help="Missions, worlds, sites, trees, MJCF files, or built-in names.")],
-    task: Annotated[str, typer.Option(help="Task whose nodes a tree may use.")] = "dispenser",
+    files: Annotated[
+        list[str],
+        typer.Argument(help="Mission or world (.yaml), site (.geojson), tree or MJCF (.xml), or a built-in name."),
+    ],
+    task: Annotated[str, typer.Option(metavar="NAME", help="Task whose nodes a tree may use.")] = "dispenser",
 ) -> None:
-    """Check files and list every problem.
+    """Check files without running them, and list every problem.
 
     Each with file, line and column, what was got and what is allowed. Exit code 1 when there is one.
     """
@@ -99,9 +114,9 @@ def check(
 
 @app.command()
 def render(
-    subject: Annotated[str, typer.Argument(help="A mission or its file, a world's YAML, or a site's GeoJSON.")],
-    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("renders"),
-    seed: Annotated[int | None, typer.Option(help="Seed of the world.", min=0)] = None,
+    subject: Annotated[str, typer.Argument(help="A mission or a world by name or YAML file, or a site's GeoJSON.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pictures.")] = Path("renders"),
+    seed: Annotated[int | None, typer.Option(metavar="N", help="Seed of the world.", min=0)] = None,
     assignments: Assignments = None,
 ) -> None:
     """Take pictures of world and robot, without a mission."""

@@ -62,7 +62,9 @@ def override(document: Document, assignments: Iterable[str]) -> Document:
     for assignment in assignments:
         name, separator, text = assignment.partition("=")
         if not separator or not all(name.split(".")):
-            problems.append(Problem(file=OVERRIDE, got=repr(assignment), allowed="key=value or key.sub=value"))
+            problems.append(
+                Problem(file=OVERRIDE, got=f"got {assignment!r}", allowed="KEY=VALUE, such as seed=3 or world.rows=5")
+            )
             continue
         try:
             value = parse_yaml(f"value: {text}", OVERRIDE).data["value"]
@@ -84,9 +86,8 @@ def _assign(data: dict[str, Any], names: list[str], value: Any) -> Key:
         last = depth == len(names) - 1
         if isinstance(at, list):
             if not (name.isdigit() and int(name) < len(at)):
-                raise InvalidInput(
-                    f"{dotted(tuple(key))} is a list of {len(at)}: got {name!r}, a number below that is allowed"
-                )
+                allowed = f"0 to {len(at) - 1}" if at else "nothing, set the whole list"
+                raise InvalidInput(f"{dotted(tuple(key))} is a list of {len(at)}: got {name!r}; allowed: {allowed}")
             step: str | int = int(name)
         elif isinstance(at, dict):
             step = name
@@ -196,7 +197,8 @@ def _problem(
         if not isinstance(value, dict | list) or len(str(value)) < 60
         else f"got a {type(value).__name__}"
     )
-    return document.problem(key, got, message.removeprefix("Input should be ").removeprefix("a valid "))
+    wanted = "key: value lines" if kind == "dict_type" else message.removeprefix("Input should be ")
+    return document.problem(key, got, wanted.removeprefix("a valid "))
 
 
 def _fields_at(model: type[BaseModel], loc: Key) -> list[str]:

@@ -53,6 +53,11 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["run", "--sed", "3"], "No such option"),
         (["runn"], "No such command"),
         (["check"], "Missing argument"),
+        (["check", "--task", "prune", "husky_jaco2"], "'prune' is not installed; there are dispenser"),
+        (["render", "vinyard"], "did you mean 'vineyard'?"),
+        (["run", "--set", "seed"], "got 'seed'; allowed: KEY=VALUE"),
+        (["run", "--set", "world=3"], "world: got 3; allowed: key: value lines"),
+        (["run", "--set", "plants.9.mode=nail"], "plants is a list of 4: got '9'; allowed: 0 to 3"),
         (["run", "--world", "nowhere.yaml"], "cannot be read"),
     ],
 )

@@ -9,6 +9,7 @@ from pathlib import Path
 from grape.config import load_yaml, read_text, validate_options
 from grape.errors import FileError, GrapeError, Problem, did_you_mean
 from grape.mission.catalog import missions, nodes, robot_description, robots, trees, world_type, worlds
+from grape.plugins import TASKS, load
 
 KINDS = "mission or world (.yaml), site (.geojson), tree or MJCF (.xml), or the name of a robot, mission or tree"
 
@@ -19,7 +20,11 @@ def check_files(names: Iterable[str], task: str = "dispenser") -> tuple[dict[str
     Args:
         names: paths or built-in names.
         task: whose nodes a tree file may use.
+
+    Raises:
+        PluginError: no such task.
     """
+    load(TASKS, task)
     kinds: dict[str, str] = {}
     problems: list[Problem] = []
     for name in names:

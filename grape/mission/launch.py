@@ -56,6 +56,7 @@ def run_mission(
     from grape.bt import TreeExecutor, load_tree
     from grape.sim.simulation import Simulation, SimulationOptions
 
+    refuse_used(out)
     tree = load_tree(mission.tree, nodes(mission.file.task))
     description = robot_description(mission.file.robot)
     robot = build_robot(description)
@@ -116,12 +117,21 @@ def make_folder(out: Path | None, mission: Mission) -> Path:
             number += 1
         folder.mkdir(parents=True)
         return folder
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+    refuse_used(out)
+    out.mkdir(parents=True, exist_ok=True)
+    return out
+
+
+def refuse_used(out: Path | None) -> None:
+    """Refuse a run folder that is not new: also before the work begins.
+
+    Raises:
+        InvalidInput: `out` is a file or a folder that holds something.
+    """
+    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InvalidInput(
             f"--out {out}: it exists and is {'not empty' if out.is_dir() else 'no folder'}; name a new folder"
         )
-    out.mkdir(parents=True, exist_ok=True)
-    return out
 
 
 def write_inputs(mission: Mission, folder: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from grape.errors import FileError, Problem, did_you_mean
 from grape.mission.catalog import missions, robot_description, world_type, worlds
 from grape.mission.file import Mission, load_mission
 
@@ -31,6 +32,12 @@ def _mission_of(subject: str, overrides: list[str]) -> Mission:
     is_world = path.suffix in (".yaml", ".yml") and subject not in missions() and path.is_file()
     if is_site or (is_world and "type" in load_yaml(path).data):
         return load_mission(DEFAULT, ["plants=null", ANY_PLANT, *overrides], path)
+    if subject not in missions() and not path.suffix and not path.is_file():
+        known = [*missions(), *worlds()]
+        allowed = f"{', '.join(known)}, or the path of a mission, a world or a site"
+        raise FileError(
+            [Problem(file=subject, got="no such name", allowed=allowed, suggestion=did_you_mean(subject, known))]
+        )
     return load_mission(subject, overrides)
 
 

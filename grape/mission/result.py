@@ -118,7 +118,7 @@ def build_result(
 
 
 def _plant(task: Any, record: PlantRecord) -> dict[str, Any]:
-    last = next((run for run in reversed(record.servo) if run["converged"]), {})
+    last: dict[str, Any] = next((run for run in reversed(record.servo) if run["converged"]), {})
     return {
         "id": task.plant,
         "mode": task.mode,

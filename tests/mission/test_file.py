@@ -12,7 +12,7 @@ import pytest
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.errors import FileError, InvalidInput
 from grape.mission.file import Mission, load_mission
-from grape.mission.launch import make_folder, write_inputs
+from grape.mission.launch import make_folder, run_mission, write_inputs
 from grape.site import save_site
 
 
@@ -187,3 +187,13 @@ def test_run_folders_are_numbered_and_never_reused(
     (tmp_path / "full" / "file").touch()
     with pytest.raises(ValueError, match="not empty"):
         make_folder(tmp_path / "full", mission)
+
+
+def test_a_used_run_folder_is_refused_before_the_world_is_built(
+    mission: Mission, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").touch()
+    monkeypatch.setattr("grape.mission.launch.nodes", lambda task: pytest.fail("work began"))
+    for out in (tmp_path, tmp_path / "file"):
+        with pytest.raises(ValueError, match="name a new folder"):
+            run_mission(mission, out)
