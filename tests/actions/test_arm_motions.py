@@ -45,6 +45,16 @@ def test_arm_keeps_its_speed_limits_on_the_way(bench: Bench) -> None:
     assert (jumps < 2.5 * DESCRIPTION.arm.acceleration_max).all(), "the path is timed, not jumped"
 
 
+def test_named_pose_is_meant_as_it_is_not_a_whole_turn_away(bench: Bench) -> None:
+    named = POSES["ready_left_fore"]
+    turned = named.copy()
+    turned[0] += 2 * np.pi
+    assert abs(turned[0] - DESCRIPTION.arm.unwound[0]) < DESCRIPTION.arm.cable_turns, "the cables would allow both"
+    bench.put_arm(turned + 0.02)
+    bench.run(move_arm_to_named(MoveArmToNamedGoal(pose="ready_left_fore"), bench.ctx))
+    assert np.abs(bench.arm.q - named).max() < 0.01
+
+
 def test_arm_that_is_there_already_does_not_move(bench: Bench) -> None:
     bench.run(move_arm_to_named(MoveArmToNamedGoal(pose="travel"), bench.ctx), limit_s=0.1)
     assert bench.arm.sent == 0
