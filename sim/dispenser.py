@@ -165,7 +165,7 @@ def _mass_per_metre(o: DispenserOptions) -> float:
     return o.mass / (2.0 * float(tube) + 2.0 * o.tab)
 
 
-def _capsule(parent: _Element, o: DispenserOptions, start: Array, end: Array, mass: float, contype: int = 4) -> None:
+def _capsule(parent: _Element, o: DispenserOptions, start: Array, end: Array, mass: float) -> None:
     ElementTree.SubElement(
         parent,
         "geom",
@@ -175,10 +175,30 @@ def _capsule(parent: _Element, o: DispenserOptions, start: Array, end: Array, ma
         mass=f"{mass:.4g}",
         rgba=o.tube_color,
         group="2",
-        contype=str(contype),
+        contype="4",
         conaffinity="0",
         priority="1",
         condim="4",
+        friction=f"{o.friction:.6g} 0.002 0.0001",
+        solref=_SOLREF,
+        solimp=_SOLIMP,
+    )
+
+
+def _foot(parent: _Element, o: DispenserOptions, center: Array) -> None:
+    """A ball inside a tab by which alone it touches the feeder: one contact where a lying tube would make two."""
+    ElementTree.SubElement(
+        parent,
+        "geom",
+        type="sphere",
+        size=f"{o.radius:.6g}",
+        pos=_text(center),
+        mass="0",
+        group="4",
+        contype="16",
+        conaffinity="0",
+        priority="1",
+        condim="3",
         friction=f"{o.friction:.6g} 0.002 0.0001",
         solref=_SOLREF,
         solimp=_SOLIMP,
@@ -198,7 +218,8 @@ def _tab(parent: _Element, o: DispenserOptions, y: float, direction: int) -> Non
     for side in (-1, 1):
         start, end = y + direction * o.radius, y + direction * (o.tab - o.radius)
         mass = _mass_per_metre(o) * o.tab / 2
-        _capsule(parent, o, np.array([side * x, start, 0.0]), np.array([side * x, end, 0.0]), mass, contype=20)
+        _capsule(parent, o, np.array([side * x, start, 0.0]), np.array([side * x, end, 0.0]), mass)
+        _foot(parent, o, np.array([side * x, (start + end) / 2, 0.0]))
 
 
 def _arm(root: _Element, o: DispenserOptions, name: str, side: int) -> _Element:
@@ -251,7 +272,8 @@ def _tab_end(last: _Element, o: DispenserOptions, name: str) -> None:
     for side in (-1, 1):
         start = shift + np.array([side * x, o.radius, 0.0])
         end = start + np.array([0.0, o.tab - 2 * o.radius, 0.0])
-        _capsule(body, o, start, end, _mass_per_metre(o) * o.tab / 2, contype=20)
+        _capsule(body, o, start, end, _mass_per_metre(o) * o.tab / 2)
+        _foot(body, o, (start + end) / 2)
     ElementTree.SubElement(body, "site", name=f"{name}_end", pos=_text(2 * shift), size="0.0005", group="4")
 
 

@@ -80,7 +80,8 @@ class PartTable:
             name, chain = model.geom(geom).name, chains[model.geom_bodyid[geom]]
             thing = things.get(name)
             touchable = bool(model.geom_contype[geom] or model.geom_conaffinity[geom])
-            names.append(chain[0] if chain[0] != "world" else name.removeprefix(WORLD_PREFIX) or "ground")
+            of_world = chain[0] == "world" or chain[0].startswith(WORLD_PREFIX)
+            names.append(name.removeprefix(WORLD_PREFIX) or "ground" if of_world else chain[0])
             plants.append(thing.plant if thing is not None else "")
             if thing is not None:
                 labels[geom] = thing.label

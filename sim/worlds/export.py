@@ -45,13 +45,34 @@ def world_spec(world: World, near: Array | None = None, radius: float = np.inf) 
     spec.compiler.degree = False
     _look(spec, world.sun)
     _ground(spec, world, np.random.default_rng(_PICTURE_SEED))
+    bodies = _Bodies(spec)
     for capsule in world.capsules:
         if capsule.label is Label.WIRE or near is None or np.linalg.norm(capsule.p0[:2] - near) <= radius:
-            _capsule(spec, capsule)
+            _capsule(bodies.of(capsule.name), capsule)
     for plate in world.plates:
         if near is None or np.linalg.norm(plate.T_map_plate[:2, 3] - near) <= radius:
-            _plate(spec, plate)
+            _plate(spec, bodies.of(plate.name), plate)
     return spec
+
+
+class _Bodies:
+    """A static body for each plant, post and wire.
+
+    The many small bodies of the dispensers are each tested against every body whose bounding box they are in: with all
+    plants in one body that was the whole vineyard.
+    """
+
+    def __init__(self, spec: mujoco.MjSpec) -> None:
+        self._spec = spec
+        self._bodies: dict[str, mujoco.MjsBody] = {}
+
+    def of(self, geom: str) -> mujoco.MjsBody:
+        """The body of the thing that a geom (`r0v3/spur2`, `r0/post1`) belongs to."""
+        owner, _, part = geom.partition("/")
+        name = geom if part.startswith(("post", "wire")) else owner
+        if name not in self._bodies:
+            self._bodies[name] = self._spec.worldbody.add_body(name=name)
+        return self._bodies[name]
 
 
 def _look(spec: mujoco.MjSpec, sun: Sun) -> None:
@@ -160,10 +181,10 @@ def _touch(label: Label) -> dict[str, Any]:
     }
 
 
-def _capsule(spec: mujoco.MjSpec, capsule: Capsule) -> None:
+def _capsule(body: mujoco.MjsBody, capsule: Capsule) -> None:
     import mujoco
 
-    spec.worldbody.add_geom(
+    body.add_geom(
         name=capsule.name,
         type=mujoco.mjtGeom.mjGEOM_CAPSULE,
         size=[capsule.radius, 0.0, 0.0],
@@ -173,10 +194,10 @@ def _capsule(spec: mujoco.MjSpec, capsule: Capsule) -> None:
     )
 
 
-def _plate(spec: mujoco.MjSpec, plate: Plate) -> None:
+def _plate(spec: mujoco.MjSpec, body: mujoco.MjsBody, plate: Plate) -> None:
     import mujoco
 
-    geom = spec.worldbody.add_geom(
+    geom = body.add_geom(
         name=plate.name,
         type=mujoco.mjtGeom.mjGEOM_BOX,
         size=plate.half_size,
