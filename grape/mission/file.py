@@ -117,7 +117,7 @@ def load_mission(name: str, overrides: Iterable[str] = (), world: Path | None = 
     except FileError as error:
         problems += error.problems
     plants = _plants(file, document, site, problems) if site is not None else ()
-    actions = _actions(file, document, problems)
+    actions = _actions(file, tree, document, problems)
     if problems or options is None or site is None:
         raise FileError(problems)
     surveyed = file.site is not None
@@ -193,13 +193,15 @@ def _world_and_site(file: MissionFile, document: Document, folder: Path) -> tupl
     return options, load_site(path)
 
 
-def _actions(file: MissionFile, document: Document, problems: list[Problem]) -> Mapping[str, Mapping[str, Any]]:
-    """Defaults of goal fields, checked against the nodes of the task."""
+def _actions(
+    file: MissionFile, tree: Path, document: Document, problems: list[Problem]
+) -> Mapping[str, Mapping[str, Any]]:
+    """Defaults of goal fields, checked against the nodes of the task and the tree."""
     if not file.actions or file.task not in find(TASKS):
         return {}
     from grape.mission.goal_defaults import goal_defaults
 
-    checked, wrong = goal_defaults(file.actions, file.task, document)
+    checked, wrong = goal_defaults(file.actions, file.task, tree, document)
     problems += wrong
     return checked
 

@@ -75,6 +75,11 @@ def test_defaults_of_goals_get_the_types_of_their_fields(tmp_path: Path) -> None
         ("actions.ScanVine.plant=r0v1", "actions.ScanVine.plant: the tree always gives this port; allowed: half_"),
         ("actions.ScanVine.scan=1", "actions.ScanVine.scan: unknown key"),
         ("actions.FindDeploymentPoints.height_m=[1]", "actions.FindDeploymentPoints.height_m.1: is missing"),
+        ("actions.DriveToPose.speed=0.5", "actions.DriveToPose: no node of dispenser_deployment.xml; allowed: "),
+        (
+            "actions.WaitForLocalization.timeout_s=9",
+            "dispenser_deployment.xml sets this port at every WaitForLocalization, and the tree wins",
+        ),
         ("actions.ScanVine=fast", "actions.ScanVine: got 'fast'"),
         ("site=nowhere.geojson", "site: got 'nowhere.geojson'"),
     ],
