@@ -13,7 +13,7 @@ from grape.messages import Array, frozen_array
 
 
 class FrameError(GrapeError):
-    """A transform was asked for that the tree cannot give: unknown frame, no connection, or a time it does not cover."""
+    """A transform that the tree cannot give: unknown frame, no connection, or a time that it does not cover."""
 
 
 class FrameTree:

@@ -113,7 +113,10 @@ class PoseStamped(Message):
 
 @dataclass(frozen=True, kw_only=True)
 class LaserScan(Message):
-    """sensor_msgs/LaserScan, plane x-y of the sensor frame, counter-clockwise. REP-117: +inf no return, -inf too near."""
+    """sensor_msgs/LaserScan in the x-y plane of the sensor frame, counter-clockwise.
+
+    REP-117: +inf is no return, -inf too near.
+    """
 
     angle_min: float
     angle_increment: float
