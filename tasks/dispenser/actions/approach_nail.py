@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, action
 from grape.actions.move_arm import move_to_pose
+from grape.actions.retract import back_off
 from grape.tasks.dispenser.nail_board import NailBoard, nail_target
 from grape.tasks.dispenser.row import row_boxes
 from grape.tasks.dispenser.targets import HangTarget
@@ -35,6 +36,7 @@ def approach_nail(goal: ApproachNailGoal, ctx: Context) -> Generator[Feedback, N
     T_hand_nails = ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle)
     line = (target.hand_pose(T_hand_nails, goal.stand_off_m), target.hand_pose(T_hand_nails, 0.0))
     with ctx.arm.lease("ApproachNail") as arm:
+        yield from back_off(ctx, arm)  # from where an attempt before has failed
         yield from move_to_pose(
             ctx, arm, line, status="moving in front of target", boxes=row_boxes(ctx, goal.plant, depth_m=0.09)
         )

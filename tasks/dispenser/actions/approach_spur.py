@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.move_arm import move_to_pose
+from grape.actions.retract import back_off
 from grape.tasks.dispenser.targets import HangTarget
 
 
@@ -26,5 +27,6 @@ def approach_spur(goal: ApproachSpurGoal, ctx: Context) -> Generator[Feedback, N
     T_hand_nails = ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle)
     line = (target.hand_pose(T_hand_nails, goal.stand_off_m), target.hand_pose(T_hand_nails, 0.0))
     with ctx.arm.lease("ApproachSpur") as arm:
+        yield from back_off(ctx, arm)  # from where an attempt before has failed
         yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch=(target.tip, 0.12))
     return NoResult()

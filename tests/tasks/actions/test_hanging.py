@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from paper_robot import Bench
 
+from grape.actions.move_arm import checker_for
 from grape.actions.obstacles import OBSTACLES, Obstacles
 from grape.errors import GoalRejected, Reason
 from grape.geometry import pose_error
@@ -70,6 +71,17 @@ def test_hand_comes_above_the_spur_and_keeps_off_the_vine(bench: Bench, task: Si
     error = pose_error(target.hand_pose(nails(bench), 0.10), bench.hand)
     assert np.linalg.norm(error[:3]) < 0.01 and np.linalg.norm(error[3:]) < 0.03
     assert attempts(bench, "v0") == 1
+
+
+def test_next_spur_is_approached_from_where_the_attempt_before_failed(bench: Bench, task: SimpleNamespace) -> None:
+    in_hand(bench)
+    target = task.spur_target(bench)
+    task.at_target(bench, target)
+    wood = target.tip + np.array([[x, 0.0, 0.0] for x in np.arange(-0.05, 0.05, 0.005)])
+    bench.world.committed[OBSTACLES] = Obstacles(wood)
+    assert not checker_for(bench.ctx).is_valid(bench.arm.q), "no plan can start here"
+    bench.run(approach_spur(ApproachSpurGoal(target=target), bench.ctx))
+    assert np.linalg.norm(pose_error(target.hand_pose(nails(bench), 0.10), bench.hand)[:3]) < 0.01
 
 
 def test_a_spur_behind_wood_is_unreachable(bench: Bench, task: SimpleNamespace) -> None:
