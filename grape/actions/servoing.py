@@ -13,7 +13,7 @@ from grape.control.ibvs import MarkerServo
 from grape.control.point_servo import PointServo
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, LeaseRevoked, Reason, StaleData
-from grape.geometry import inverse, transform
+from grape.geometry import inverse, pose, transform
 from grape.messages import Array, RgbdImage
 from grape.perception.markers import MarkerDetector, corner_points, project
 
@@ -208,6 +208,16 @@ class _Loop:
         except StaleData:
             return None
         return image if image.stamp > stamp else None
+
+
+def leave(
+    ctx: Context, arm: ArmDriver, direction: Array, distance_m: float, speed: float = 0.05
+) -> Generator[Feedback, None, None]:
+    """Moves the hand straight along `direction` (3,), a unit vector in base_link: back out of where servoing led it."""
+    T = ctx.robot.hand_pose(ctx.world.joints())
+    T_out = pose(T[:3, :3], T[:3, 3] + distance_m * np.asarray(direction))
+    duration = distance_m / speed
+    yield from follow_hand_path(ctx, arm, straight(T, T_out, duration), duration, status="leaving the target")
 
 
 def hand_shift(T_base_hand: Array, T_base_expected: Array) -> Array:

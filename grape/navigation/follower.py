@@ -209,9 +209,20 @@ class PurePursuit:
         return direction * speed, speed * curvature
 
     def _heading_error(self, state: FollowerState, path: Path, pose: Array) -> float:
-        """How far to turn (rad) to face the path a little ahead."""
-        target = path.at(state.travelled + self.options.lookahead)
+        """How far to turn (rad) to face the path a little ahead.
+
+        The place that is faced is a full lookahead away from the robot, wherever turning has shifted it: the bearing of
+        a near one would run away from the turn.
+        """
+        reach = self.options.lookahead
+        ahead = state.travelled + reach
+        target = path.at(ahead)
+        while np.hypot(*(target[:2] - pose[:2])) < reach and ahead < path.length:
+            ahead = min(ahead + 0.1, path.length)
+            target = path.at(ahead)
         offset = target[:2] - pose[:2]
+        if np.hypot(*offset) < 0.5 * reach:
+            return float(wrap_angle(float(target[2] - pose[2])))
         if path.reverse:
             offset = -offset
         return float(wrap_angle(float(np.arctan2(offset[1], offset[0]) - pose[2])))

@@ -13,6 +13,9 @@ from grape.messages import RgbdImage
 from grape.tasks.dispenser.perception.wings import HungExpectation, held, hung
 from grape.tasks.dispenser.targets import HangTarget
 
+# How far below the tip the wings of a hung dispenser may be: it slides down to where a spur stands on its arm.
+REACH_M = {"nail": 0.15, "spur": 0.24}
+
 
 @dataclass(frozen=True, kw_only=True)
 class CheckDeploymentGoal:
@@ -37,7 +40,8 @@ def check_deployment(goal: CheckDeploymentGoal, ctx: Context) -> Generator[Feedb
         T_camera_base = inverse(ctx.world.frames.lookup("base_link", "camera_optical", image.stamp))
         T_hand_nails = robot.hand.T_hand_nails(robot.description.gripper.closed_angle)
         nails = (T_camera_base @ ctx.world.frames.lookup("base_link", "hand", image.stamp) @ T_hand_nails)[:3, 3]
-        check = hung(image, HungExpectation(target=transform(T_camera_base, goal.target.tip), nails=nails))
+        tip = transform(T_camera_base, goal.target.tip)
+        check = hung(image, HungExpectation(target=tip, radius_m=REACH_M[goal.target.kind], nails=nails))
         at_nails += check.reason.startswith("a wing is still")
         return check.value, check.reason
 

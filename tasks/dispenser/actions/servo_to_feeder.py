@@ -47,7 +47,7 @@ def servo_to_feeder(goal: ServoToFeederGoal, ctx: Context) -> Generator[Feedback
         {i: lambda height, i=i: desired(height)[i] for i in feeder.T_feeder_marker},  # type: ignore[misc]
         feeder.marker_side_m,
         image.info.K,
-        MarkerServoOptions(standoff_m=goal.stand_off_m),
+        MarkerServoOptions(standoff_m=goal.stand_off_m, stop_px=0.7, stop_frames=6),
     )
     with ctx.arm.lease("ServoToFeeder") as arm:
         T_now = robot.hand_pose(ctx.world.joints())

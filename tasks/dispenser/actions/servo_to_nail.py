@@ -6,12 +6,13 @@ from collections.abc import Generator, Mapping
 from dataclasses import dataclass, replace
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.servoing import camera_mount, hand_shift, servo_on_markers
+from grape.actions.servoing import camera_mount, hand_shift, leave, servo_on_markers
 from grape.control.ibvs import MarkerServo, MarkerServoOptions
+from grape.errors import ActionFailed
 from grape.messages import Array
 from grape.perception.markers import MarkerDetector
 from grape.tasks.dispenser.nail_board import MARKER_DICTIONARY, MARKER_SIDE_M, NailBoard, desired_markers
-from grape.tasks.dispenser.targets import HangTarget
+from grape.tasks.dispenser.targets import AIM_DEPTH_M, HangTarget
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,12 +52,16 @@ def servo_to_nail(goal: ServoToNailGoal, ctx: Context) -> Generator[Feedback, No
         {i: lambda stand_off, i=i: desired(stand_off)[i] for i in ids},  # type: ignore[misc]
         MARKER_SIDE_M,
         ctx.camera.latest().info.K,
-        MarkerServoOptions(standoff_m=goal.stand_off_m, stop_px=0.5),
+        MarkerServoOptions(standoff_m=goal.stand_off_m, stop_px=1.0, stop_frames=6),
     )
     with ctx.arm.lease("ServoToNail") as arm:
-        yield from servo_on_markers(
-            ctx, arm, servo, desired, MarkerDetector(MARKER_DICTIONARY), MARKER_SIDE_M,
-            name="ServoToNail", status="servoing to target", timeout_s=goal.timeout_s,
-        )  # fmt: skip
+        try:
+            yield from servo_on_markers(
+                ctx, arm, servo, desired, MarkerDetector(MARKER_DICTIONARY), MARKER_SIDE_M,
+                name="ServoToNail", status="servoing to target", timeout_s=goal.timeout_s,
+            )  # fmt: skip
+        except ActionFailed:
+            yield from leave(ctx, arm, target.approach, goal.stand_off_m + AIM_DEPTH_M)
+            raise
         shift = hand_shift(robot.hand_pose(ctx.world.joints()), target.hand_pose(T_hand_nails))
     return ServoToNailResult(refined=replace(target, tip=target.tip + shift))

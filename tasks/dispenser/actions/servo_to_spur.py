@@ -6,12 +6,13 @@ from collections.abc import Generator
 from dataclasses import dataclass, replace
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.servoing import camera_mount, hand_shift, servo_on_point
+from grape.actions.servoing import camera_mount, hand_shift, leave, servo_on_point
 from grape.control.point_servo import PointServo, PointServoOptions
+from grape.errors import ActionFailed
 from grape.geometry import inverse, transform
 from grape.messages import Array, RgbdImage
 from grape.tasks.dispenser.perception.branch_point import branch_point, reference_colour
-from grape.tasks.dispenser.targets import HangTarget
+from grape.tasks.dispenser.targets import AIM_DEPTH_M, HangTarget
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,9 +61,13 @@ def servo_to_spur(goal: ServoToSpurGoal, ctx: Context) -> Generator[Feedback, No
         place, ctx.camera.latest().info.K, PointServoOptions(standoff_m=goal.stand_off_m), p_base_point=target.tip
     )
     with ctx.arm.lease("ServoToSpur") as arm:
-        yield from servo_on_point(
-            ctx, arm, servo, find, place,
-            name="ServoToSpur", status="servoing to target", timeout_s=goal.timeout_s,
-        )  # fmt: skip
+        try:
+            yield from servo_on_point(
+                ctx, arm, servo, find, place,
+                name="ServoToSpur", status="servoing to target", timeout_s=goal.timeout_s,
+            )  # fmt: skip
+        except ActionFailed:
+            yield from leave(ctx, arm, target.approach, goal.stand_off_m + AIM_DEPTH_M)
+            raise
         shift = hand_shift(robot.hand_pose(ctx.world.joints()), target.hand_pose(T_hand_nails))
     return ServoToSpurResult(refined=replace(target, tip=target.tip + shift))
