@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.actions.core import Context, Feedback, Status
+from grape.actions.hand_path import follow_hand_path, straight
 from grape.control.differential_ik import DifferentialIk, shift_twist
 from grape.control.ibvs import MarkerServo
 from grape.control.point_servo import PointServo

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 
+import numpy as np
+
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.looking import vote
 from grape.errors import ActionFailed, Reason
@@ -13,8 +15,9 @@ from grape.messages import RgbdImage
 from grape.tasks.dispenser.perception.wings import HungExpectation, held, hung
 from grape.tasks.dispenser.targets import HangTarget
 
-# How far below the tip the wings of a hung dispenser may be: it slides down to where a spur stands on its arm.
-REACH_M = {"nail": 0.15, "spur": 0.24}
+# Where the wings of a hung dispenser may be: around a place so far below the tip, within a radius, m. On a spur the
+# loop slides down to where it stands on its arm.
+PLACE_M = {"nail": (0.07, 0.12), "spur": (0.13, 0.17)}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +36,8 @@ def check_deployment(goal: CheckDeploymentGoal, ctx: Context) -> Generator[Feedb
     and lost when it is seen nowhere.
     """
     robot = ctx.robot
+    below, radius = PLACE_M[goal.target.kind]
+    place = goal.target.tip - np.array([0.0, 0.0, below])
     at_nails = 0
 
     def decide(image: RgbdImage) -> tuple[bool, str]:
@@ -40,8 +45,7 @@ def check_deployment(goal: CheckDeploymentGoal, ctx: Context) -> Generator[Feedb
         T_camera_base = inverse(ctx.world.frames.lookup("base_link", "camera_optical", image.stamp))
         T_hand_nails = robot.hand.T_hand_nails(robot.description.gripper.closed_angle)
         nails = (T_camera_base @ ctx.world.frames.lookup("base_link", "hand", image.stamp) @ T_hand_nails)[:3, 3]
-        tip = transform(T_camera_base, goal.target.tip)
-        check = hung(image, HungExpectation(target=tip, radius_m=REACH_M[goal.target.kind], nails=nails))
+        check = hung(image, HungExpectation(target=transform(T_camera_base, place), radius_m=radius, nails=nails))
         at_nails += check.reason.startswith("a wing is still")
         return check.value, check.reason
 
