@@ -106,7 +106,7 @@ def test_servoing_finds_the_nail_beside_its_surveyed_place(bench: Bench, task: S
     assert bench.ctx.arm.owner is None and not bench.arm.velocity.any()
 
 
-def test_servoing_stops_when_the_markers_vanish(bench: Bench, task: SimpleNamespace) -> None:
+def test_servoing_leaves_the_target_when_the_markers_vanish(bench: Bench, task: SimpleNamespace) -> None:
     target = task.put_nail(bench)
     task.at_target(bench, target, 0.14)
     run = servo_to_nail(ServoToNailGoal(target=target), bench.ctx)
@@ -116,7 +116,10 @@ def test_servoing_stops_when_the_markers_vanish(bench: Bench, task: SimpleNamesp
     bench.scene.markers.clear()
     place = bench.hand
     assert bench.failure(run).reason is Reason.FEATURE_LOST
-    assert np.linalg.norm(pose_error(place, bench.hand)[:3]) < 0.02, "it came to rest within 0.3 s"
+    left = pose_error(bench.hand, place)[:3]
+    assert left @ target.approach == pytest.approx(0.11, abs=0.02), "it came to rest within 0.3 s, then went back"
+    assert np.linalg.norm(left - (left @ target.approach) * target.approach) < 0.02
+    assert bench.ctx.arm.owner is None and not bench.arm.velocity.any()
 
 
 def test_servoing_stops_when_the_camera_stops(bench: Bench, task: SimpleNamespace) -> None:
