@@ -15,12 +15,12 @@ GROUND_CLEARANCE_M = 0.132  # of base_link on flat ground
 def plant_in_base(ctx: Context, plant: str) -> Array:
     """(3,) m, where the dispenser goes as far as the survey tells, in base_link: a nail's tip, or a vine's trunk.
 
-    The height is the nail's over the ground under the robot, 0 for a vine.
+    The ground at the plant is taken to be as high as under the robot; the robot's tilt counts.
     """
     spot = ctx.world.site.plant(plant)
     T_map_base = ctx.world.base_pose()
-    point = transform(inverse(T_map_base), np.array([*spot.target, T_map_base[2, 3]]))
-    return np.array([point[0], point[1], spot.height_m - GROUND_CLEARANCE_M if spot.kind == "nail" else 0.0])
+    height = T_map_base[2, 3] - GROUND_CLEARANCE_M + (spot.height_m if spot.kind == "nail" else 0.0)
+    return transform(inverse(T_map_base), np.array([*spot.target, height]))
 
 
 def row_distance(ctx: Context, plant: str) -> float:

@@ -7,6 +7,7 @@ loop on the +y side of the nail line. Source: grape's contact study (docs/decisi
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from grape.messages import Array, frozen_array
 
 AIM_OFFSET_M = 0.028  # from the nail line to where the spur passes the loop, along the hand's y
 AIM_DEPTH_M = 0.030  # how far the loop is pushed over the tip
+RETREAT_M = 0.14  # straight back along the fingers after letting go
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,3 +77,18 @@ class HangTarget:
         nails = self.tip + self.approach * (back_off - AIM_DEPTH_M) - R @ [0.0, AIM_OFFSET_M, 0.0]
         T_base_nails = pose(R, nails)
         return T_base_nails @ inverse(pose(None, T_hand_nails[:3, 3]))
+
+
+def hang_line(robot: Any, target: HangTarget, stand_off: float) -> tuple[Array, ...]:
+    """The hand's whole way at a target, (4, 4) poses in base_link: stand-off, over the tip, fingers closed, backed off.
+
+    Args:
+        robot: models of the robot (`grape.actions.robot.Robot`).
+        target: where to hang.
+        stand_off: m.
+    """
+    gripper = robot.description.gripper
+    opened, closed = (robot.hand.T_hand_nails(angle) for angle in (gripper.open_angle, gripper.closed_angle))
+    over = target.hand_pose(opened)
+    released = over @ opened @ inverse(closed)
+    return target.hand_pose(opened, stand_off), over, released, released @ pose(None, (0.0, 0.0, RETREAT_M))

@@ -10,15 +10,22 @@ from grape.actions.move_arm import move_to_pose
 from grape.actions.retract import back_off
 from grape.tasks.dispenser.nail_board import NailBoard, nail_target
 from grape.tasks.dispenser.row import row_boxes
-from grape.tasks.dispenser.targets import HangTarget
+from grape.tasks.dispenser.targets import HangTarget, hang_line
 
 
 @dataclass(frozen=True, kw_only=True)
 class ApproachNailGoal:
-    """Attributes: plant: id of the nail in the site file. stand_off_m: of the loop before the nail."""
+    """Where to stop before the nail.
+
+    Attributes:
+        plant: id of the nail in the site file.
+        stand_off_m: of the loop before the nail.
+        farther_m: each further attempt on the plant stops this much farther off, where the camera sees more.
+    """
 
     plant: str
     stand_off_m: float = 0.14
+    farther_m: float = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,9 +39,8 @@ class ApproachNailResult:
 def approach_nail(goal: ApproachNailGoal, ctx: Context) -> Generator[Feedback, None, ApproachNailResult]:
     """Plans to a level hand pose in front of a nail from which both markers are in view."""
     target = nail_target(ctx, goal.plant, NailBoard())
-    ctx.ledger.attempt(goal.plant)
-    T_hand_nails = ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle)
-    line = (target.hand_pose(T_hand_nails, goal.stand_off_m), target.hand_pose(T_hand_nails, 0.0))
+    attempts = ctx.ledger.attempt(goal.plant)
+    line = hang_line(ctx.robot, target, goal.stand_off_m + min(attempts - 1, 2) * goal.farther_m)
     with ctx.arm.lease("ApproachNail") as arm:
         yield from back_off(ctx, arm)  # from where an attempt before has failed
         yield from move_to_pose(

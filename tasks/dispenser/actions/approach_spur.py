@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.move_arm import move_to_pose
 from grape.actions.retract import back_off
-from grape.tasks.dispenser.targets import HangTarget
+from grape.tasks.dispenser.targets import HangTarget, hang_line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,8 +24,7 @@ def approach_spur(goal: ApproachSpurGoal, ctx: Context) -> Generator[Feedback, N
     """Plans to a pitched hand pose above a spur, collision-free against the scanned vine."""
     target = goal.target
     ctx.ledger.attempt(target.plant)
-    T_hand_nails = ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle)
-    line = (target.hand_pose(T_hand_nails, goal.stand_off_m), target.hand_pose(T_hand_nails, 0.0))
+    line = hang_line(ctx.robot, target, goal.stand_off_m)
     with ctx.arm.lease("ApproachSpur") as arm:
         yield from back_off(ctx, arm)  # from where an attempt before has failed
         yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch=(target.tip, 0.12))

@@ -19,7 +19,7 @@ from grape.tasks.dispenser.actions.scan_vine import VineScan
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
 from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, extract_poses, merge_poses
 from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, row_distance
-from grape.tasks.dispenser.targets import HangTarget
+from grape.tasks.dispenser.targets import HangTarget, hang_line
 
 OWN_HAND = (np.array([-0.13, -0.13, -0.30]), np.array([0.13, 0.13, 0.10]))  # m, corners in the hand's frame
 
@@ -121,7 +121,6 @@ def _without_hand(points: Array, T_hand_camera: Array) -> Array:
 
 def _reachable(goal: FindDeploymentPointsGoal, ctx: Context, found: DeploymentPose) -> HangTarget | None:
     """The spur as a target with the first hand orientation that reaches it, None when none does."""
-    T_hand_nails = ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle)
     target = HangTarget(
         plant=goal.plant,
         kind="spur",
@@ -134,7 +133,6 @@ def _reachable(goal: FindDeploymentPointsGoal, ctx: Context, found: DeploymentPo
     for pitch in goal.pitches:
         for azimuth in goal.azimuths:
             candidate = replace(target, pitch=pitch, azimuth=azimuth)
-            line = (candidate.hand_pose(T_hand_nails, 0.10), candidate.hand_pose(T_hand_nails, 0.0))
-            if find_postures(ctx, line, touch=(candidate.tip, 0.12), holding=True):
+            if find_postures(ctx, hang_line(ctx.robot, candidate, 0.10), touch=(candidate.tip, 0.12), holding=True):
                 return candidate
     return None

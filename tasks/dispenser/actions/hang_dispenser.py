@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.hand_path import follow_hand_path, smooth_step, straight
+from grape.actions.hand_path import HandPathOptions, follow_hand_path, smooth_step, straight
 from grape.geometry import pose
 from grape.messages import Array
-from grape.tasks.dispenser.targets import HangTarget
+from grape.tasks.dispenser.targets import RETREAT_M, HangTarget
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,7 +27,7 @@ class HangDispenserGoal:
 
     target: HangTarget
     close_s: float = 2.0
-    retreat_m: float = 0.14
+    retreat_m: float = RETREAT_M
     retreat_s: float = 2.0
 
 
@@ -50,10 +50,11 @@ def hang_dispenser(goal: HangDispenserGoal, ctx: Context) -> Generator[Feedback,
             ctx, arm, nails_held, goal.close_s, status="closing the fingers", gripper=fingers,
             fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]),
         )  # fmt: skip
+        ctx.ledger.move_dispenser("hand", goal.target.plant)
         T_closed = nails_held(goal.close_s)
         T_back = T_closed @ pose(None, (0.0, 0.0, goal.retreat_m))
         yield from follow_hand_path(
-            ctx, arm, straight(T_closed, T_back, goal.retreat_s), goal.retreat_s, status="released, backing off"
-        )
-    ctx.ledger.move_dispenser("hand", goal.target.plant)
+            ctx, arm, straight(T_closed, T_back, goal.retreat_s), goal.retreat_s, status="released, backing off",
+            options=HandPathOptions(tolerance_m=0.08, tolerance_rad=0.5),
+        )  # fmt: skip
     return NoResult()
