@@ -1,7 +1,7 @@
 """The default mission on many seeds: what hangs, whether the robot's account agrees, forces, times.
 
-    python benchmarks/missions.py --seeds 0:10 --workers 2 --out runs/seeds      runs what is not there yet, then sums up
-    python benchmarks/missions.py --seeds 0:10 --out runs/seeds --set world.style=gobelet
+    python benchmarks/missions.py --seeds 0:10 --workers 2 --out runs/seeds
+    python benchmarks/missions.py --seeds 0:10 --out runs/gobelet --set world.style=gobelet
 
 Each seed is one `grape run` in a folder of its own; a run that is there already is only read.
 """
