@@ -44,6 +44,7 @@ class FollowerState:
     turn_gain: float = 1.0  # measured over commanded yaw rate: skidding turns less than the wheels say
     blocked_s: float = 0.0
     retreats: int = 0
+    turn_to: float | None = None  # rad in map, chosen when a turn begins: turning shifts the robot, not its goal
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +92,7 @@ class PursuitOptions:
     turn_acceleration: float = 1.6
     lookahead: float = 0.45  # least
     lookahead_s: float = 0.7  # plus this times the speed
-    turn_in_place: float = 0.6  # heading error from which it turns on the spot
+    turn_in_place: float = 0.7  # heading error from which it turns on the spot
     along: float = 0.02  # tolerances at the goal
     across: float = 0.03
     yaw: float = 0.02
@@ -128,9 +129,11 @@ class PurePursuit:
         return self._limited(v, w, state, path, pose, costmap, dt)
 
     def _turn(self, state: FollowerState, path: Path, pose: Array, twist: Array) -> tuple[float, float, FollowerState]:
-        error = self._heading_error(state, path, pose)
+        if state.turn_to is None:
+            state = replace(state, turn_to=float(pose[2]) + self._heading_error(state, path, pose))
+        error = float(wrap_angle(state.turn_to - float(pose[2])))
         if abs(error) < 0.06 and abs(twist[1]) < 0.15:
-            return 0.0, 0.0, replace(state, phase=Phase.TRACK)
+            return 0.0, 0.0, replace(state, phase=Phase.TRACK, turn_to=None)
         if abs(twist[0]) > 0.05:
             return 0.0, 0.0, state
         return 0.0, self._turn_rate(error), state
@@ -142,7 +145,7 @@ class PurePursuit:
             return 0.0, 0.0, replace(state, phase=Phase.SETTLE)
         error = self._heading_error(state, path, pose)
         if abs(error) > options.turn_in_place and remaining > 0.1:
-            return 0.0, 0.0, replace(state, phase=Phase.TURN)
+            return 0.0, 0.0, replace(state, phase=Phase.TURN, turn_to=None)
         limit = options.reverse_speed if path.reverse else options.speed
         speed = min(limit, self._stopping_speed(remaining), self._curve_limit(path, state.travelled))
         target = path.at(state.travelled + self._lookahead(abs(twist[0])))

@@ -69,13 +69,23 @@ def plan_route(costmap: Costmap, start: Array, waypoints: Array, options: Planne
     if len(waypoints) == 1 and (direct := _on_goal_line(costmap, start, goal, options)) is not None:
         return direct
     via = [w for w in waypoints[:-1] if costmap.cost_at(w[:2]) < INSCRIBED]
-    for length in options.approach:
+    for length in _approaches(via, goal, options):
         heading = np.array([np.cos(goal[2]), np.sin(goal[2])])
         entry = goal[:2] - length * heading
         if _free(costmap, straight(entry, goal, options.spacing), options, goal[2]):
             corners = _corners(costmap, [start[:2], *(w[:2] for w in via), entry], options)
             return _finished(costmap, np.vstack([corners, goal[:2]]), goal, options)
     raise ActionFailed(Reason.NO_PATH, f"no straight approach to ({goal[0]:.2f}, {goal[1]:.2f}) is free")
+
+
+def _approaches(via: list[Array], goal: Array, options: PlannerOptions) -> tuple[float, ...]:
+    """Lengths of the straight piece before the goal; none overshoots the place where the way turns into its line."""
+    lengths = options.approach
+    if via:
+        along, across, _ = in_frame_of(via[-1], goal)
+        if abs(across) < 0.3 and -along > lengths[-1]:
+            lengths = tuple(dict.fromkeys(min(length, float(-along)) for length in lengths))
+    return lengths
 
 
 def path_blocked(costmap: Costmap, path: Path, since: float, until: float, footprint: Footprint) -> bool:
