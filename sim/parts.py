@@ -11,7 +11,7 @@ import numpy as np
 from grape.messages import Array
 from grape.robots import RobotDescription
 from grape.sim.compose import BASE_BODY, DISPENSER, WORLD_PREFIX
-from grape.sim.worlds.model import Label, World
+from grape.sim.worlds.model import Capsule, Label, Plate, World
 
 
 class Part(IntEnum):
@@ -71,7 +71,8 @@ class PartTable:
     @classmethod
     def of(cls, model: mujoco.MjModel, world: World, robot: RobotDescription) -> PartTable:
         """The table of a composed model."""
-        things = {WORLD_PREFIX + thing.name: thing for thing in (*world.capsules, *world.plates)}
+        in_world: list[Capsule | Plate] = [*world.capsules, *world.plates]
+        things = {WORLD_PREFIX + thing.name: thing for thing in in_world}
         chains = _body_chains(model)
         kinds = np.zeros(model.ngeom, dtype=int)
         labels = np.full(model.ngeom, -1)

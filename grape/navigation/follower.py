@@ -129,9 +129,11 @@ class PurePursuit:
         return self._limited(v, w, state, path, pose, costmap, dt)
 
     def _turn(self, state: FollowerState, path: Path, pose: Array, twist: Array) -> tuple[float, float, FollowerState]:
-        if state.turn_to is None:
-            state = replace(state, turn_to=float(pose[2]) + self._heading_error(state, path, pose))
-        error = float(wrap_angle(state.turn_to - float(pose[2])))
+        turn_to = state.turn_to
+        if turn_to is None:
+            turn_to = float(pose[2]) + self._heading_error(state, path, pose)
+            state = replace(state, turn_to=turn_to)
+        error = float(wrap_angle(turn_to - float(pose[2])))
         if abs(error) < 0.06 and abs(twist[1]) < 0.15:
             return 0.0, 0.0, replace(state, phase=Phase.TRACK, turn_to=None)
         if abs(twist[0]) > 0.05:

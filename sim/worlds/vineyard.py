@@ -123,7 +123,7 @@ def grow_world(site: Site, options: VineyardOptions) -> World:
             capsules += rods
             spurs += truths
         weeds = make_weeds(f"{row.id}/weed", row, options.weeds, green)
-        capsules += [_moved(weed, np.eye(3), [0.0, 0.0, terrain.height(weed.p0[:2])]) for weed in weeds]
+        capsules += [_moved(weed, np.eye(3), [0.0, 0.0, float(terrain.height(weed.p0[:2]))]) for weed in weeds]
     return World(
         site=site,
         terrain=terrain,
