@@ -109,7 +109,7 @@ def test_a_dispenser_is_hung_on_a_nail_and_the_robot_knows(short_way: list[str],
     assert (truth["in_feeder"], truth["on_hand"], truth["dropped"]) == (7, 0, 0), "the account agrees with the referee"
     assert truth["collisions"] == [] and truth["fence_crossings"] == 0
     assert plant["attempts"] == 1 and 10.0 < plant["cycle_s"] < 150.0
-    assert plant["servo"]["error_px"] < 0.5
+    assert plant["servo"]["error_px"] < 1.0
     assert result["localization"]["position_rmse_m"] < 0.10
     pictures = {path.stem for path in (run.folder / "pictures").iterdir()}
     assert any("grasp" in name for name in pictures) and any("deployment" in name for name in pictures)

@@ -149,6 +149,6 @@ def test_desired_markers_are_what_the_camera_sees_from_the_hand_pose(bench: Benc
 
 def test_the_row_is_beside_the_parked_robot(bench: Bench) -> None:
     assert row_distance(bench.ctx, "n0") == pytest.approx(0.335 + 0.62)
-    assert plant_in_base(bench.ctx, "v0") == pytest.approx([1.47, 0.335 + 0.62, 0.0])
+    assert plant_in_base(bench.ctx, "v0") == pytest.approx([1.47, 0.335 + 0.62, -0.132]), "on the ground"
     (box,) = row_boxes(bench.ctx, "n0", depth_m=0.09)
     assert box.center[1] - box.half_size[1] == pytest.approx(0.335 + 0.62 - 0.09), "its near face"
