@@ -20,6 +20,7 @@ _CARRIERS = (Label.SPUR, Label.BUD, Label.NAIL, Label.CANE, Label.ARM)
 _LOWEST_M = 0.2  # above the ground
 _AT_REST_MPS = 0.05
 _REACH_M = 0.15  # from the loop's centre to the tip it hangs on
+_KNOB_M = 0.06  # below a spur's base: the old wood that it stands on, down to which a loop slides
 
 
 class DispenserPlace(StrEnum):
@@ -47,6 +48,11 @@ class _Carrier:
     tip: Array
 
 
+def _axis(base: Array, tip: Array) -> Array:
+    """(3,) unit vector from base to tip."""
+    return (tip - base) / np.linalg.norm(tip - base)
+
+
 class HangingJudge:
     """Judges where the dispensers of a scene are."""
 
@@ -56,7 +62,10 @@ class HangingJudge:
         self._terrain = world.terrain
         self.plants: tuple[Plant, ...] = world.site.plants
         self._carriers = tuple(
-            [_Carrier(plant=spur.plant, base=spur.base, tip=spur.tip) for spur in world.spurs]
+            [
+                _Carrier(plant=spur.plant, base=spur.base - _KNOB_M * _axis(spur.base, spur.tip), tip=spur.tip)
+                for spur in world.spurs
+            ]
             + [_Carrier(plant=nail.id, base=nail.base, tip=nail.tip) for nail in world.nails]
         )
         names = [physics.model.body(k).name for k in range(physics.model.nbody)]
