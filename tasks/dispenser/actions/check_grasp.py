@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.looking import vote
 from grape.errors import ActionFailed, Reason
-from grape.messages import RgbdImage
 from grape.tasks.dispenser.perception.wings import held
 
 
@@ -22,12 +21,7 @@ class CheckGraspGoal:
 @action("CheckGrasp")
 def check_grasp(goal: CheckGraspGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
     """Looks for the two wings of a held dispenser; fails with GRASP_FAILED when the majority of frames shows none."""
-
-    def decide(image: RgbdImage) -> tuple[bool, str]:
-        check = held(image)
-        return check.value, check.reason
-
-    ballot = yield from vote(ctx, decide, frames=goal.frames, status="checking the grasp")
+    ballot = yield from vote(ctx, lambda image: held(image).ballot, frames=goal.frames, status="checking the grasp")
     ctx.log.event("check", check="grasp", value=ballot.value, yes=ballot.yes, no=ballot.no, reason=ballot.reason)
     ctx.log.picture("grasp", ballot.image.bgr)
     if not ballot.value:

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.looking import vote
 from grape.errors import ActionFailed, Reason
-from grape.messages import RgbdImage
 from grape.tasks.dispenser.perception.wings import held
 
 
@@ -22,14 +21,11 @@ class HoldsDispenserGoal:
 @action("HoldsDispenser")
 def holds_dispenser(goal: HoldsDispenserGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
     """Succeeds when the ledger says that the hand holds a dispenser and the camera agrees; else it was lost."""
-
-    def decide(image: RgbdImage) -> tuple[bool, str]:
-        check = held(image)
-        return check.value, check.reason
-
     if ctx.ledger.dispensers().get("hand", 0) == 0:
         raise ActionFailed(Reason.GRASP_FAILED, "nothing was grasped yet")
-    ballot = yield from vote(ctx, decide, frames=goal.frames, status="checking what the hand holds")
+    ballot = yield from vote(
+        ctx, lambda image: held(image).ballot, frames=goal.frames, status="checking what the hand holds"
+    )
     if not ballot.value:
         ctx.ledger.move_dispenser("hand", "lost")
         raise ActionFailed(Reason.DISPENSER_FALLEN, ballot.reason)

@@ -28,6 +28,11 @@ class Check:
     reason: str
     blobs: tuple[Blob, ...] = ()
 
+    @property
+    def ballot(self) -> tuple[bool, str]:
+        """Decision and reason, as a vote over frames counts them."""
+        return self.value, self.reason
+
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOptions:
