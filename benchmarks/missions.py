@@ -16,16 +16,7 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-import numpy as np
-
-
-def wilson95(yes: int, n: int) -> tuple[float, float]:
-    """95 % confidence interval of a rate (Wilson, 1927)."""
-    if n == 0:
-        return 0.0, 1.0
-    z, p = 1.959964, yes / n
-    middle, half = p + z * z / (2 * n), z * np.sqrt(p * (1 - p) / n + z * z / (4 * n * n))
-    return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+from grape.proof import wilson95
 
 
 def run(seed: int, out: Path, settings: list[str]) -> Path:
