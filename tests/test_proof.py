@@ -19,7 +19,7 @@ def test_a_quantity_without_a_value_does_not_meet_its_goal_and_one_without_a_goa
 
 
 def test_a_goal_without_a_bound_is_refused() -> None:
-    with pytest.raises(InvalidInput, match="<= 0.10"):
+    with pytest.raises(InvalidInput, match=r"<= 0\.10"):
         quantity(0.1, "small")
 
 

@@ -15,6 +15,7 @@ SOURCES = {
     "tasks": "grape.tasks",
     "trees": "grape.trees",
     "sim": "grape.sim",
+    "experiments": "grape.experiments",
 }
 
 
