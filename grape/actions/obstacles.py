@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from grape.messages import Array, frozen_array
-from grape.planning import DistanceField, build_distance_field
+from grape.planning import DistanceField, build_distance_field, carve_distance_field
 
 OBSTACLES = "obstacles"  # where it is committed in the world; valid until the base moves
 
@@ -24,6 +24,8 @@ class Obstacles:
     def field(self, carve: Sequence[tuple[Array, float]] = ()) -> DistanceField:
         """The distance field without what is inside balls (centre (3,) m, radius m)."""
         key = tuple((*(float(v) for v in centre), float(radius)) for centre, radius in carve)
+        if () not in self._fields:
+            self._fields[()] = build_distance_field(self.cloud)
         if key not in self._fields:
-            self._fields[key] = build_distance_field(self.cloud, carve=carve)
+            self._fields[key] = carve_distance_field(self._fields[()], self.cloud, carve)
         return self._fields[key]

@@ -32,6 +32,8 @@ class ArmModel:
         self.position_min = frozen_array([link.position_min for link in links], float)
         self.position_max = frozen_array([link.position_max for link in links], float)
         self.torque_max = frozen_array([link.torque_max for link in links], float)
+        self.placements = frozen_array([link.T_parent_link for link in links], float)  # (n, 4, 4) at angle 0
+        self.axes = frozen_array([link.axis / np.linalg.norm(link.axis) for link in links], float)  # (n, 3) in the link
 
     @classmethod
     def from_mjcf(cls, path: Path, base: str = "arm_base", tip: str = "hand") -> ArmModel:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.errors import InvalidInput
-from grape.geometry import is_pose, pose_error, wrap_angle
+from grape.geometry import is_pose, wrap_angle
 from grape.kinematics.arm import ArmModel
 from grape.messages import Array, frozen_array
 
@@ -69,19 +69,28 @@ def inverse(arm: ArmModel, T_base_hand: Array, q_seed: Array, options: IkOptions
     options = options or IkOptions()
     if not is_pose(T_base_hand):
         raise InvalidInput(f"T_base_hand must be a rigid pose (4, 4), got {np.asarray(T_base_hand)}")
-    q = np.clip(np.asarray(q_seed, float), arm.position_min, arm.position_max)
-    error = np.full(6, np.inf)
-    for iteration in range(options.iterations):
-        T, J = arm.fk_jacobian(q)
-        error = pose_error(T_base_hand, T)
-        distance, angle = float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
-        if distance < options.position_tolerance and angle < options.rotation_tolerance:
-            return _result(True, q, error, iteration)
-        damping = options.damping * (1.0 if distance + angle > 0.05 else 1e-3)
-        dq = J.T @ np.linalg.solve(J @ J.T + damping * np.eye(6), error)
-        dq *= min(1.0, options.step_max / max(float(np.abs(dq).max()), 1e-12))
-        q = np.clip(q + dq, arm.position_min, arm.position_max)
-    return _result(False, q, error, options.iterations)
+    from grape.kinematics._inverse_kernels import solve
+
+    converged, q, error, iterations = solve(
+        arm.placements,
+        arm.axes,
+        arm.position_min,
+        arm.position_max,
+        np.ascontiguousarray(T_base_hand, dtype=float),
+        np.clip(np.asarray(q_seed, float), arm.position_min, arm.position_max),
+        options.iterations,
+        options.position_tolerance,
+        options.rotation_tolerance,
+        options.step_max,
+        options.damping,
+    )
+    return IkResult(
+        converged=converged,
+        q=frozen_array(q),
+        position_error=float(np.linalg.norm(error[:3])),
+        rotation_error=float(np.linalg.norm(error[3:])),
+        iterations=iterations,
+    )
 
 
 def inverse_all(
@@ -133,16 +142,6 @@ def inverse_path(
         q = result.q
         path.append(q)
     return np.array(path)
-
-
-def _result(converged: bool, q: Array, error: Array, iterations: int) -> IkResult:
-    return IkResult(
-        converged=converged,
-        q=frozen_array(q),
-        position_error=float(np.linalg.norm(error[:3])),
-        rotation_error=float(np.linalg.norm(error[3:])),
-        iterations=iterations,
-    )
 
 
 def _scatter(arm: ArmModel, count: int, rng: np.random.Generator | None) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,18 +71,12 @@ def empty_field(reach_m: float = 0.15) -> DistanceField:
     )
 
 
-def build_distance_field(
-    points: Array,
-    options: DistanceFieldOptions | None = None,
-    *,
-    carve: Sequence[tuple[Array, float]] = (),
-) -> DistanceField:
+def build_distance_field(points: Array, options: DistanceFieldOptions | None = None) -> DistanceField:
     """Distance field of a cloud: occupied voxels, then an exact Euclidean distance transform around them.
 
     Args:
         points: (m, 3) m, base frame; rows that are not finite are dropped.
         options: voxel size, reach and region.
-        carve: (centre (3,) m, radius m) of balls whose points do not count, such as the spur that is to be touched.
 
     Raises:
         InvalidInput: `points` has another shape.
@@ -92,7 +86,7 @@ def build_distance_field(
     points = np.asarray(points, dtype=float)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InvalidInput(f"points must have shape (m, 3), got {points.shape}")
-    kept = points[_counts(points, options, carve)]
+    kept = points[_counts(points, options)]
     if len(kept) == 0:
         return empty_field(options.reach_m)
     margin = int(np.ceil(options.reach_m / options.voxel_m)) + 1
@@ -108,13 +102,46 @@ def build_distance_field(
     )
 
 
-def _counts(points: Array, options: DistanceFieldOptions, carve: Sequence[tuple[Array, float]]) -> Array:
-    """Which points are finite, in the region and outside of the carved balls, (m,) bool."""
-    keep: Array = np.asarray(np.isfinite(points).all(axis=1))
-    keep = keep & ((points >= options.lower) & (points <= options.upper)).all(axis=1)
-    for center, radius in carve:
+def carve_distance_field(
+    field: DistanceField,
+    points: Array,
+    balls: Sequence[tuple[Array, float]],
+    options: DistanceFieldOptions | None = None,
+) -> DistanceField:
+    """The field as if the points inside some balls had not been seen; only the surroundings of the balls are computed.
+
+    Args:
+        field: what `build_distance_field` made of the same `points` and `options`.
+        points: (m, 3) m, base frame.
+        balls: (centre (3,) m, radius m), such as the spur that is to be touched.
+        options: those of the field.
+    """
+    options = options or DistanceFieldOptions()
+    points = np.asarray(points, dtype=float)
+    keep = _counts(points, options)
+    for center, radius in balls:
         keep = keep & (((points - np.asarray(center)) ** 2).sum(axis=1) > radius**2)
-    return keep
+    low = np.round(field.origin / options.voxel_m - 0.5).astype(int)
+    index = np.floor(points[keep] / options.voxel_m).astype(int) - low
+    margin = int(np.ceil(options.reach_m / options.voxel_m)) + 1
+    distance = field.distance.copy()
+    for center, radius in balls:
+        middle, half = np.asarray(center) / options.voxel_m - low, radius / options.voxel_m + margin
+        begin = np.clip(np.floor(middle - half).astype(int), 0, field.distance.shape)
+        end = np.clip(np.ceil(middle + half).astype(int) + 1, 0, field.distance.shape)
+        if (begin >= end).any():
+            continue
+        first, last = begin - margin, end + margin
+        near = index[((index >= first) & (index < last)).all(axis=1)] - first
+        changed = _transform(near, last - first, options)[(slice(margin, -margin),) * 3]
+        distance[tuple(slice(a, b) for a, b in zip(begin, end, strict=True))] = changed
+    return replace(field, distance=frozen_array(distance), point_count=int(keep.sum()))
+
+
+def _counts(points: Array, options: DistanceFieldOptions) -> Array:
+    """Which points are finite and in the region, (m,) bool."""
+    inside = ((points >= options.lower) & (points <= options.upper)).all(axis=1)
+    return np.asarray(np.isfinite(points).all(axis=1)) & inside
 
 
 def _transform(index: Array, shape: Array, options: DistanceFieldOptions) -> Array:

@@ -14,6 +14,7 @@ from grape.planning import (
     StaticBox,
     build_distance_field,
     build_sphere_model,
+    carve_distance_field,
     cover_capsule,
     empty_field,
 )
@@ -115,13 +116,22 @@ def test_distances_are_right_within_a_voxel_and_cut_at_the_reach(vine, field):
     assert field.query(np.array([[5.0, 5.0, 5.0]]))[0] == pytest.approx(field.reach_m)
 
 
-def test_carved_and_remote_and_broken_points_do_not_count():
+def test_remote_and_broken_points_do_not_count():
     cloud = np.array([[0.5, 0.8, 0.6], [0.5, 0.9, 0.6], [9.0, 0.0, 0.0], [np.nan, 0.0, 0.0]])
     assert build_distance_field(cloud).point_count == 2
-    carved = build_distance_field(cloud, carve=((cloud[0], 0.05),))
-    assert carved.point_count == 1
-    assert carved.query(cloud[:1])[0] > 0.08
     assert build_distance_field(np.empty((0, 3))).point_count == 0
+
+
+def test_a_carved_field_is_that_of_the_points_left():
+    rng = np.random.default_rng(7)
+    cloud = rng.uniform((0.2, 0.5, 0.3), (0.7, 1.0, 0.9), (300, 3))
+    balls = ((cloud[0], 0.08), (np.array([0.2, 0.5, 0.3]), 0.12), (np.array([5.0, 0.0, 0.0]), 0.1))
+    left = cloud[[all(np.linalg.norm(p - c) > r for c, r in balls) for p in cloud]]
+    carved = carve_distance_field(build_distance_field(cloud), cloud, balls)
+    assert carved.point_count == len(left) < 300
+    places = rng.uniform((0.0, 0.3, 0.1), (0.9, 1.2, 1.1), (5000, 3))
+    np.testing.assert_allclose(carved.query(places), build_distance_field(left).query(places), atol=1e-6)
+    assert carve_distance_field(build_distance_field(cloud[:0]), cloud[:0], balls).query(places).min() > 0.14
 
 
 def test_an_edge_through_a_thin_branch_is_refused(fk):
