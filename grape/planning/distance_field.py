@@ -94,7 +94,7 @@ def build_distance_field(points: Array, options: DistanceFieldOptions | None = N
     high = np.floor(kept.max(axis=0) / options.voxel_m).astype(int) + margin
     index = np.floor(kept / options.voxel_m).astype(int) - low
     return DistanceField(
-        distance=frozen_array(_transform(index, high - low + 1, options)),
+        distance=_transform(index, high - low + 1, options),
         origin=frozen_array((low + 0.5) * options.voxel_m),
         voxel_m=options.voxel_m,
         reach_m=options.reach_m,
@@ -135,7 +135,8 @@ def carve_distance_field(
         near = index[((index >= first) & (index < last)).all(axis=1)] - first
         changed = _transform(near, last - first, options)[(slice(margin, -margin),) * 3]
         distance[tuple(slice(a, b) for a, b in zip(begin, end, strict=True))] = changed
-    return replace(field, distance=frozen_array(distance), point_count=int(keep.sum()))
+    distance.flags.writeable = False
+    return replace(field, distance=distance, point_count=int(keep.sum()))
 
 
 def _counts(points: Array, options: DistanceFieldOptions) -> Array:
@@ -151,4 +152,8 @@ def _transform(index: Array, shape: Array, options: DistanceFieldOptions) -> Arr
     squared = np.full(tuple(shape), np.inf, dtype=np.float32)  # voxel^2
     squared[tuple(index.T)] = 0.0
     squared_distance_transform(squared)
-    return np.minimum(np.sqrt(squared) * options.voxel_m, options.reach_m).astype(np.float32)
+    np.sqrt(squared, out=squared)
+    squared *= np.float32(options.voxel_m)
+    np.minimum(squared, np.float32(options.reach_m), out=squared)
+    squared.flags.writeable = False
+    return squared
