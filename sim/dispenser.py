@@ -34,7 +34,7 @@ class DispenserOptions:
     half_width: float = 0.0145  # m from the middle to a tube at mid-length, relaxed
     tab_half_width: float = 0.0025  # m
     radius: float = 0.0015  # m of a tube
-    segments: int = 8  # capsules an arm
+    segments: int = 6  # capsules an arm
     out_of_plane_every: int = 2  # nodes between hinges that bend out of the plane: the stiff direction needs fewer
     mass: float = 0.003  # kg
     bending_stiffness: float = 4e-4  # N m^2, EI of a tube
@@ -186,7 +186,7 @@ def _capsule(parent: _Element, o: DispenserOptions, start: Array, end: Array, ma
 
 
 def _foot(parent: _Element, o: DispenserOptions, center: Array) -> None:
-    """A ball inside a tab by which alone it touches the feeder: one contact where a lying tube would make two."""
+    """A ball inside a tab by which alone it touches feeder and base: one contact where a lying tube would make two."""
     ElementTree.SubElement(
         parent,
         "geom",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 from typing import Any, Generic, TypeVar
 
 from grape.errors import InvalidInput, StaleData
@@ -64,25 +66,25 @@ class SampledSensor(ABC, Generic[M]):
         Raises:
             StaleData: there is none yet, or it is older than `max_age_s`.
         """
-        slots = self._readable()
-        if not slots:
+        slot = next(self._readable(), None)
+        if slot is None:
             raise StaleData(f"{self._name}: nothing measured yet")
-        age_s = self._physics.clock.now() - slots[-1].stamp
+        age_s = self._physics.clock.now() - slot.stamp
         if max_age_s is not None and age_s > max_age_s + 1e-9:
             raise StaleData(
                 f"{self._name}: the newest message is {age_s:.3f} s old, at most {max_age_s:.3f} s is allowed"
             )
-        return self._message(slots[-1])
+        return self._message(slot)
 
     def since(self, stamp: float) -> tuple[M, ...]:
         """Every buffered message newer than `stamp`, oldest first."""
-        return tuple(self._message(slot) for slot in self._readable() if slot.stamp > stamp + 1e-9)
+        newer = list(takewhile(lambda slot: slot.stamp > stamp + 1e-9, self._readable()))
+        return tuple(self._message(slot) for slot in reversed(newer))
 
-    def _readable(self) -> list[_Slot[M]]:
-        if not self._latency_steps:
-            return list(self._slots)
+    def _readable(self) -> Iterator[_Slot[M]]:
+        """What may be read by now, newest first."""
         newest = (self._physics.clock.step - self._latency_steps) / STEPS_PER_SECOND + 1e-9
-        return [slot for slot in self._slots if slot.stamp <= newest]
+        return (slot for slot in reversed(self._slots) if slot.stamp <= newest)
 
     def _message(self, slot: _Slot[M]) -> M:
         if slot.message is None:

@@ -27,7 +27,7 @@ def test_a_relaxed_loop_has_the_measured_size_and_mass():
     model, data = floating_loop()
     mujoco.mj_forward(model, data)
     line = LoopReader.of(model, "dispenser_0").polyline(data)
-    assert line.shape == (17, 3)
+    assert line.shape == (2 * DispenserOptions().segments + 1, 3)
     np.testing.assert_allclose(np.ptp(line, axis=0), (0.029, 0.140, 0.0), atol=2e-4)
     assert model.body_mass.sum() == pytest.approx(0.003, abs=1e-4)
 
