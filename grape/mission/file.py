@@ -14,18 +14,18 @@ from grape.config import Document, Model, load_yaml, override, read_text, valida
 from grape.errors import FileError, Problem, did_you_mean
 from grape.mission.catalog import missions, robots, trees, world_type, worlds
 from grape.plugins import TASKS, find
-from grape.site import Site, load_site
+from grape.site import Plant, Site, load_site
 
-MODES = {"nail": ("nail",), "vine": ("plant", "plant_open_loop")}
-Mode = Literal["nail", "plant", "plant_open_loop"]
+MODES = {"nail": ("nail", "auto"), "vine": ("plant", "plant_open_loop", "auto")}  # the first is what auto means
+Mode = Literal["nail", "plant", "plant_open_loop", "auto"]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 
 
 class PlantGoal(Model):
-    """One plant to serve."""
+    """One plant to serve; `auto` takes the nail where there is one, else the plant in closed loop."""
 
     plant: Name
-    mode: Mode
+    mode: Mode = "auto"
 
 
 class Selection(Model):
@@ -230,7 +230,14 @@ def _plants(file: MissionFile, document: Document, site: Site, problems: list[Pr
         seen.add(goal.plant)
     if not file.plants:
         problems.append(document.problem(("plants",), "the list is empty", "at least one plant"))
-    return file.plants
+    return tuple(_resolved(goal, by_id) for goal in file.plants)
+
+
+def _resolved(goal: PlantGoal, by_id: Mapping[str, Plant]) -> PlantGoal:
+    """The goal with the mode that `auto` stands for."""
+    if goal.mode != "auto" or goal.plant not in by_id:
+        return goal
+    return goal.model_copy(update={"mode": MODES[by_id[goal.plant].kind][0]})
 
 
 def _selected(selection: Selection, document: Document, site: Site, problems: list[Problem]) -> tuple[PlantGoal, ...]:

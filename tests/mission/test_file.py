@@ -28,6 +28,12 @@ def test_the_default_mission_serves_two_nails_and_two_vines_in_two_rows(mission:
     assert mission.file.dispensers == 8
 
 
+def test_auto_is_the_nail_on_a_nail_and_the_closed_loop_on_a_vine() -> None:
+    plants = "plants=[{plant: r0v1, mode: auto}, {plant: r0n0}, {plant: r1v1, mode: plant_open_loop}]"
+    mission = load_mission("dispenser_deployment", [plants])
+    assert [plant.mode for plant in mission.plants] == ["plant", "nail", "plant_open_loop"]
+
+
 def test_the_seed_is_also_the_worlds_unless_the_world_has_its_own() -> None:
     assert load_mission("dispenser_deployment", ["seed=7"]).world.seed == 7
     assert load_mission("dispenser_deployment", ["seed=7", "world.seed=3"]).world.seed == 3
