@@ -5,9 +5,11 @@ import pytest
 
 from grape.errors import InvalidInput
 from grape.geometry import transform
-from grape.messages import RgbdImage
+from grape.messages import CameraInfo, RgbdImage
 from grape.perception.markers import project
 from grape.tasks.dispenser.perception.branch_point import BranchPointOptions, branch_point, reference_colour
+
+K = np.array([[466.0, 0.0, 319.5], [0.0, 466.0, 239.5], [0.0, 0.0, 1.0]])
 
 
 @pytest.fixture(params=[("noon", ".45 .36 .25"), ("low", ".60 .27 .17")])
@@ -85,3 +87,21 @@ def test_predictions_that_are_not_finite_are_refused(sight):
         branch_point(image, pixel, depth, np.zeros(2))
     with pytest.raises(InvalidInput, match="positive"):
         BranchPointOptions(window_m=0.0)
+
+
+def test_a_tube_in_front_does_not_cut_the_spur_in_two():
+    height, width, depth = 480, 640, np.full((480, 640), 2.0, np.float32)
+    bgr = np.full((height, width, 3), (40, 110, 70), np.uint8)
+    bgr[200:420, 310:330], depth[200:420, 310:330] = (30, 38, 46), 0.25  # a spur, its tip at row 200
+    for shift in range(8):  # a brown tube across it, 20 px under the tip
+        columns = np.arange(220, 420)
+        rows = columns // 2 + 60 + shift
+        bgr[rows, columns], depth[rows, columns] = (30, 60, 130), 0.215
+    info = CameraInfo(stamp=0.0, frame_id="camera_optical", width=width, height=height, K=K)
+    image = RgbdImage(stamp=0.0, frame_id="camera_optical", bgr=bgr, depth=depth, info=info)
+    colour = reference_colour(image, np.array([320.0, 300.0]), 0.25)
+    point = branch_point(image, np.array([320.0, 235.0]), 0.25, colour)
+    assert point.pixel == pytest.approx((320, 200), abs=2)
+    depth[(bgr == (30, 60, 130)).all(axis=2)] = 0.4  # behind the spur it hides nothing: these are two things
+    cut = branch_point(image, np.array([320.0, 235.0]), 0.25, colour)
+    assert cut.pixel[1] > 220

@@ -24,6 +24,7 @@ class BranchPointOptions:
         min_area_m2: smallest component facing the camera.
         top_m: height of the rows at the component's top whose mean is the tip.
         max_jump_m: a tip farther from the prediction than this is not it.
+        bridge_m: what lies in front and is no wider than this, such as a tube of the held loop, does not cut the spur.
     """
 
     window_m: float = 0.04
@@ -33,9 +34,11 @@ class BranchPointOptions:
     min_area_m2: float = 1.0e-5
     top_m: float = 0.005
     max_jump_m: float = 0.025
+    bridge_m: float = 0.008
 
     def __post_init__(self) -> None:
-        sizes = (self.window_m, self.depth_gate_m, self.min_area_m2, self.top_m, self.max_jump_m, *self.colour)
+        lengths = (self.window_m, self.depth_gate_m, self.top_m, self.max_jump_m, self.bridge_m)
+        sizes = (*lengths, self.min_area_m2, *self.colour)
         if min(sizes) <= 0 or self.min_depth_m < 0:
             raise InvalidInput(f"branch point options must be positive, got {self}")
 
@@ -57,12 +60,16 @@ class BranchPoint:
 
 @dataclass(frozen=True)
 class _Window:
-    """The searched part of an image: LAB (h, w, 3) float, depth (h, w) m, origin (u, v), gate (h, w) bool."""
+    """The searched part of an image: LAB (h, w, 3) float, depth (h, w) m, origin (u, v); gate and hidden (h, w) bool.
+
+    gate: at the predicted depth. hidden: something nearer may lie in front.
+    """
 
     lab: Array
     depth: Array
     origin: Array
     gate: Array
+    hidden: Array
     px_per_m: float
 
 
@@ -83,7 +90,8 @@ def _window(image: RgbdImage, pixel: Array, depth_m: float, options: BranchPoint
     gate = np.abs(z - depth_m) < options.depth_gate_m
     if depth_m < options.min_depth_m + options.depth_gate_m:
         gate |= z == 0  # perhaps nearer than the camera can measure: there, colour alone decides
-    return _Window(lab=lab, depth=z, origin=np.array([u0, v0], float), gate=gate, px_per_m=px_per_m)
+    hidden = z < depth_m
+    return _Window(lab=lab, depth=z, origin=np.array([u0, v0], float), gate=gate, hidden=hidden, px_per_m=px_per_m)
 
 
 def reference_colour(
@@ -136,12 +144,10 @@ def branch_point(
         return BranchPoint(pixel=None, depth_m=None, reason="nothing at the predicted depth")
     similar = (np.abs(window.lab - reference) < np.array(options.colour)).all(axis=2) & window.gate
     mask = cv2.morphologyEx(similar.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
-    found = [
-        _tip(labels == k, window, options)
-        for k in range(1, count)
-        if stats[k, cv2.CC_STAT_AREA] >= options.min_area_m2 * window.px_per_m**2
-    ]
+    count, labels = cv2.connectedComponents(_bridged(mask, window, options))
+    components = [(labels == k) & (mask > 0) for k in range(1, count)]
+    least = options.min_area_m2 * window.px_per_m**2
+    found = [_tip(component, window, options) for component in components if component.sum() >= least]
     if not found:
         return BranchPoint(pixel=None, depth_m=None, reason="nothing of similar colour at the predicted depth")
     best = min(found, key=lambda p: float(np.linalg.norm(p.pixel - pixel)))
@@ -149,6 +155,15 @@ def branch_point(
     if jump > options.max_jump_m:
         return BranchPoint(pixel=None, depth_m=None, reason=f"the nearest tip is {jump * 1000:.0f} mm off")
     return best
+
+
+def _bridged(mask: Array, window: _Window, options: BranchPointOptions) -> Array:
+    """The mask with its gaps closed where something narrow may hide what lies behind."""
+    size = 2 * round(options.bridge_m * window.px_per_m / 2) + 1
+    border = cv2.copyMakeBorder(mask, size, size, size, size, cv2.BORDER_CONSTANT)
+    closed = cv2.morphologyEx(border, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
+    inner = closed[size:-size, size:-size]
+    return np.where(window.hidden, inner, mask).astype(np.uint8)
 
 
 def _tip(component: Array, window: _Window, options: BranchPointOptions) -> BranchPoint:
