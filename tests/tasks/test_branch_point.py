@@ -103,5 +103,6 @@ def test_a_tube_in_front_does_not_cut_the_spur_in_two():
     point = branch_point(image, np.array([320.0, 235.0]), 0.25, colour)
     assert point.pixel == pytest.approx((320, 200), abs=2)
     depth[(bgr == (30, 60, 130)).all(axis=2)] = 0.4  # behind the spur it hides nothing: these are two things
+    image = RgbdImage(stamp=0.0, frame_id="camera_optical", bgr=bgr, depth=depth, info=info)
     cut = branch_point(image, np.array([320.0, 235.0]), 0.25, colour)
     assert cut.pixel[1] > 220
