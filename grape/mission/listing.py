@@ -9,22 +9,37 @@ from rich.markup import escape
 from rich.table import Table
 
 from grape.config import load_yaml
-from grape.mission.catalog import broken, missions, nodes, robots, tasks, trees, worlds
+from grape.mission.catalog import benches, broken, experiments, missions, nodes, robots, tasks, trees, worlds
 
 
 def print_catalog(console: Console | None = None) -> None:
-    """Print missions, trees, robots, tasks, worlds and the nodes of each task with their ports."""
+    """Print missions, rows, benches, trees, robots, tasks, worlds and the nodes of each task with their ports."""
     console = console or Console()
     table = Table("mission", "what it does", title="Missions", title_justify="left")
     for name, path in missions().items():
         table.add_row(name, str(load_yaml(path).data.get("description", "")))
     console.print(table)
+    for title, head, found in (
+        ("Experiments: grape reproduce ROW", "row", experiments()),
+        ("Benches: grape bench NAME", "name", benches()),
+    ):
+        table = Table(head, "what it does", title=title, title_justify="left")
+        for name in sorted(found, key=_natural):
+            table.add_row(name, escape(found[name].summary))
+        console.print(table)
     for kind, names in (("Trees", trees()), ("Robots", robots()), ("Tasks", tasks()), ("Worlds", worlds())):
         console.print(f"[bold]{kind}[/]: {', '.join(names)}")
     for task in tasks():
         console.print(_nodes(task))
     for text in broken():
         console.print(f"[red]error:[/] {escape(text)}")
+
+
+def _natural(name: str) -> tuple[str, int, str]:
+    """G8 before G10."""
+    letters = name.rstrip("0123456789")
+    digits = name[len(letters) :]
+    return letters, int(digits or 0), name
 
 
 def _nodes(task: str) -> Table:
