@@ -141,6 +141,7 @@ def bench(
 
     Absolute figures depend on the machine; ratios hold. Exit codes: 0 it ran, 1 error in the input.
     """
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # threads on small matrices only cost
     from grape.proving.bench import bench_command
 
     bench_command(name, file)

@@ -30,7 +30,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         ROBOTS: {"husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION"},
         WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
         EXPERIMENTS: {},
-        BENCHES: {},
+        BENCHES: {"manipulation": "grape.experiments.bench_manipulation:BENCH"},
     }
 )
 

@@ -12,14 +12,13 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from grape.campaign.engines import ENGINES, Engine
+from grape.campaign.engines import Engine, LocalEngine, engine_named
 from grape.campaign.failures import failures_of
 from grape.campaign.plan import Job, Plan, keep_plan, make_jobs, make_plan
 from grape.campaign.reading import CONDITIONS, RunData, read_run
 from grape.campaign.report import campaign_page, interval, percent
 from grape.campaign.summary import build_summary
 from grape.campaign.watch import Standing, run_jobs
-from grape.errors import InvalidInput, did_you_mean
 from grape.mission.command import Cancellation
 from grape.mission.page import number
 from grape.mission.record import write_atomic
@@ -47,9 +46,7 @@ def campaign_command(
     Raises:
         GrapeError: the input has problems.
     """
-    if engine not in ENGINES:
-        hint = did_you_mean(engine, ENGINES)
-        raise InvalidInput(f"--engine {engine}: there are {', '.join(ENGINES)}" + (f"; {hint}" if hint else ""))
+    make_engine = engine_named(engine)
     chosen, plan = parse_seeds(seeds), make_plan(mission, settings, variations)
     name = plan.check(chosen.start).name
     folder = open_folder(out, f"campaign-{name}")
@@ -59,7 +56,7 @@ def campaign_command(
     if len(chosen) < combinations:
         console.print(f"note: {len(chosen)} seeds do not reach all {combinations} combinations of --vary")
     with cancellation.listening():
-        done = run_campaign(plan, chosen, folder, ENGINES[engine], workers, cancellation, console)
+        done = run_campaign(plan, chosen, folder, make_engine, workers, cancellation, console)
     console.print(_table(done.summary))
     console.print(done.standing.line, highlight=False)
     console.print(f"written: {folder / 'report.html'}, campaign.json", highlight=False, soft_wrap=True)
@@ -75,7 +72,7 @@ def run_campaign(
     plan: Plan,
     seeds: range,
     folder: Path,
-    engine: Callable[[], Engine] = ENGINES["local"],
+    engine: Callable[[], Engine] = LocalEngine,
     workers: int = 1,
     cancelled: Callable[[], bool] = lambda: False,
     console: Console | None = None,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import shutil
 import signal
@@ -11,7 +12,7 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from grape.campaign.plan import Job
-from grape.errors import GrapeError
+from grape.errors import GrapeError, did_you_mean
 
 STOP_S = 20.0
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")}
@@ -96,16 +97,11 @@ class RayEngine:
     """Tasks of a Ray cluster (`RAY_ADDRESS`; without it, one on this machine).
 
     grape must be installed on every node, and the campaign folder must be one that all of them share.
-
-    Raises:
-        EngineError: Ray is not installed.
     """
 
     def __init__(self) -> None:
-        try:
-            import ray
-        except ImportError as error:
-            raise EngineError("--engine ray needs Ray; install it with: pip install grape[ray]") from error
+        import ray
+
         self._ray: Any = ray
         ray.init(ignore_reinit_error=True, log_to_driver=False, include_dashboard=False)
         self._task = ray.remote(num_cpus=1, max_retries=0)(run_to_its_end)
@@ -130,3 +126,17 @@ class RayEngine:
 
 
 ENGINES: Mapping[str, Callable[[], Engine]] = MappingProxyType({"local": LocalEngine, "ray": RayEngine})
+
+
+def engine_named(name: str) -> Callable[[], Engine]:
+    """What makes the engine of this name.
+
+    Raises:
+        EngineError: there is none, or what it needs is not installed.
+    """
+    if name not in ENGINES:
+        hint = did_you_mean(name, ENGINES)
+        raise EngineError(f"--engine {name}: there are {', '.join(ENGINES)}" + (f"; {hint}" if hint else ""))
+    if name == "ray" and importlib.util.find_spec("ray") is None:
+        raise EngineError("--engine ray needs Ray; install it with: pip install grape[ray]")
+    return ENGINES[name]

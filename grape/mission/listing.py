@@ -19,14 +19,11 @@ def print_catalog(console: Console | None = None) -> None:
     for name, path in missions().items():
         table.add_row(name, str(load_yaml(path).data.get("description", "")))
     console.print(table)
-    for title, head, found in (
-        ("Experiments: grape reproduce ROW", "row", experiments()),
-        ("Benches: grape bench NAME", "name", benches()),
-    ):
-        table = Table(head, "what it does", title=title, title_justify="left")
+    table = Table("name", "command", "what it measures", title="Proofs and benches", title_justify="left")
+    for command, found in (("reproduce", experiments()), ("bench", benches())):
         for name in sorted(found, key=_natural):
-            table.add_row(name, escape(found[name].summary))
-        console.print(table)
+            table.add_row(name, f"grape {command} {name}", escape(found[name].summary))
+    console.print(table)
     for kind, names in (("Trees", trees()), ("Robots", robots()), ("Tasks", tasks()), ("Worlds", worlds())):
         console.print(f"[bold]{kind}[/]: {', '.join(names)}")
     for task in tasks():
