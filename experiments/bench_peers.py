@@ -104,8 +104,9 @@ def rrt_connect(
     is_valid: Callable[[Array], bool],
     range_rad: float,
     seed: int,
+    timeout_s: float = 60.0,
 ) -> bool:
-    """Whether OMPL's RRTConnect finds a path within a minute, with its own check of motions; all angles in rad."""
+    """Whether OMPL's RRTConnect finds a path in time, with its own check of motions; all angles in rad."""
     from ompl import base, geometric, util
 
     class Validity(base.StateValidityChecker):
@@ -134,7 +135,7 @@ def rrt_connect(
     planner.setRange(range_rad)
     planner.setProblemDefinition(problem)
     planner.setup()
-    planner.solve(60.0)
+    planner.solve(timeout_s)
     found = bool(problem.hasExactSolution())
     information.setStateValidityChecker(base.AllValidStateValidityChecker(information))
     return found

@@ -53,7 +53,7 @@ class BenchScene:
         """(count, n) rad, arm states around the one from which vines are worked."""
         arm = self.robot.description.arm
         near = arm.poses["ready_left_fore"] + rng.uniform(-1.2, 1.2, (count, len(arm.joints)))
-        return np.clip(near, arm.position_min, arm.position_max)
+        return np.clip(near, *self.robot.planner.bounds())
 
 
 def build_scene(seed: int = 0) -> BenchScene:

@@ -94,10 +94,12 @@ def read_run(job: Job, result: Mapping[str, Any]) -> RunData:
     events = list(read_events(job.folder / "events.jsonl"))
     conditions = _conditions(job)
     by_plant = _by_plant(events)
+    all_pictures = [event for event in events if event["kind"] == "picture"]
     truth = result["truth"] or {}
     plants = []
     for plant in result["plants"]:
         own = by_plant.get(plant["id"], _PlantEvents())
+        pictures = own.pictures or all_pictures
         plants.append(
             PlantRun(
                 seed=job.seed,
@@ -109,9 +111,9 @@ def read_run(job: Job, result: Mapping[str, Any]) -> RunData:
                 cycle_s=plant["cycle_s"],
                 phases_s=plant["phases_s"],
                 conditions=conditions,
-                failures=tuple(_failure(event, own.pictures) for event in own.failures),
+                failures=tuple(_failure(event, pictures) for event in own.failures),
                 end_s=own.end_s,
-                last_picture=_nearest(own.pictures, own.end_s),
+                last_picture=_nearest(pictures, own.end_s),
             )
         )
     said = [event for event in events if event["kind"] == "check"]
