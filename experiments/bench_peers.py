@@ -111,7 +111,7 @@ def rrt_connect(
 
     class Validity(base.StateValidityChecker):
         def isValid(self, state: Any) -> bool:
-            return is_valid(np.array([state[i] for i in range(len(start))]))
+            return bool(is_valid(np.array([state[i] for i in range(len(start))])))
 
     util.setLogLevel(util.LOG_NONE)
     util.RNG.setSeed(seed)
