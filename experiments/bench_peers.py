@@ -76,9 +76,9 @@ def _add_shapes(shapes: Any, model: Any, scene: BenchScene) -> None:
         index = shapes.addGeometryObject(
             pin.GeometryObject(f"box_{box.name}", 0, 0, placement, coal.Box(*(2.0 * np.array(box.half_size))))
         )
-        for c, (link, capsule) in zip(body.capsules, arm, strict=True):
+        for c, (link, member) in zip(body.capsules, arm, strict=True):
             if link not in box.ignore_links and c.joint > 0:
-                shapes.addCollisionPair(pin.CollisionPair(capsule, index))
+                shapes.addCollisionPair(pin.CollisionPair(member, index))
     for first, second in body.link_pairs:
         for link_a, a in arm:
             for link_b, b in arm:

@@ -15,7 +15,7 @@ from grape.planning import CheckerOptions, StateChecker, build_distance_field
 
 BASE_HEIGHT_M = 0.132  # of base_link above the ground
 ROW_M = 0.84  # from base_link to the row on its left
-REACH_M = 1.3  # from the arm's base: what is farther off counts for nobody
+CAPSULES = 200  # of the vines, posts and wires, those nearest to the arm's base
 CLOUD_POINTS = 100_000
 NOISE_M = 0.0006
 PADDING_M = 0.01
@@ -26,7 +26,7 @@ class BenchScene:
     """Everything in base_link.
 
     Attributes:
-        capsules: (p0, p1, radius) of the vines, posts and wires within reach.
+        capsules: (p0, p1, radius) of the vines, posts and wires nearest to the arm.
         cloud: (n, 3) m, what cameras around the vine see of them, 5 mm apart.
         vine: (100 000, 3) m, what one sweep of the camera sees of one vine, with its noise.
         eyes: (k, 3) m, where the camera was for that.
@@ -53,7 +53,8 @@ class BenchScene:
         """(count, n) rad, arm states around the one from which vines are worked."""
         arm = self.robot.description.arm
         near = arm.poses["ready_left_fore"] + rng.uniform(-1.2, 1.2, (count, len(arm.joints)))
-        return np.clip(near, *self.robot.planner.bounds())
+        lower, upper = self.robot.planner.bounds()
+        return np.asarray(np.clip(near, lower, upper))
 
 
 def build_scene(seed: int = 0) -> BenchScene:
@@ -62,18 +63,15 @@ def build_scene(seed: int = 0) -> BenchScene:
     from grape.sim.raycast import Raycaster
     from grape.sim.worlds import VineyardOptions, generate_vineyard
 
-    world = generate_vineyard(VineyardOptions(rows=1, vines_per_row=5, seed=seed, slope=0.0, roughness_rms=0.0))
+    world = generate_vineyard(VineyardOptions(rows=1, vines_per_row=6, seed=seed, slope=0.0, roughness_rms=0.0))
     x, y = next(plant.position for plant in world.site.plants if plant.id == "r0v2")
     T_map_base = pose(translation=(float(x) - 0.47, float(y) - ROW_M, BASE_HEIGHT_M))
     T_base_map = np.linalg.inv(T_map_base)
     rng = np.random.default_rng(seed)
     robot = build_robot(DESCRIPTION)
     shoulder = DESCRIPTION.arm.T_base_link_arm_base[:3, 3]
-    capsules = []
-    for piece in world.capsules:
-        p0, p1 = transform(T_base_map, np.array([piece.p0, piece.p1]))
-        if min(np.linalg.norm(p0 - shoulder), np.linalg.norm(p1 - shoulder)) < REACH_M:
-            capsules.append((p0, p1, piece.radius))
+    pieces = [(*transform(T_base_map, np.array([piece.p0, piece.p1])), piece.radius) for piece in world.capsules]
+    pieces.sort(key=lambda piece: min(np.linalg.norm(end - shoulder) for end in piece[:2]))
     raycaster = Raycaster(world)
     around = np.array([[dx, dy, 0.75] for dx in (-0.3, 0.3, 0.9) for dy in (0.1, ROW_M + 0.7)])
     views = [_see(raycaster, T_map_base, eye, np.array([eye[0], ROW_M, 0.6]), 1.4, 600) for eye in around]
@@ -84,7 +82,7 @@ def build_scene(seed: int = 0) -> BenchScene:
     vine = seen[rng.choice(len(seen), CLOUD_POINTS, replace=len(seen) < CLOUD_POINTS)]
     return BenchScene(
         robot=robot,
-        capsules=tuple(capsules),
+        capsules=tuple(pieces[:CAPSULES]),
         cloud=cloud,
         vine=vine + rng.normal(0.0, NOISE_M, vine.shape),
         eyes=eyes,
