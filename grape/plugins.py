@@ -29,7 +29,14 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         TASKS: {"dispenser": "grape.tasks.dispenser:TASK"},
         ROBOTS: {"husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION"},
         WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
-        EXPERIMENTS: {},
+        EXPERIMENTS: {
+            "G9": "grape.experiments.deployments:G9",
+            "G11": "grape.experiments.deployments:G11",
+            "G12": "grape.experiments.deployments:G12",
+            "G13": "grape.experiments.deployments:G13",
+            "G14": "grape.experiments.deployments:G14",
+            "G15": "grape.experiments.deployments:G15",
+        },
         BENCHES: {"manipulation": "grape.experiments.bench_manipulation:BENCH"},
     }
 )

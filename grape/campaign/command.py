@@ -18,7 +18,7 @@ from grape.campaign.plan import Job, Plan, keep_plan, make_jobs, make_plan
 from grape.campaign.reading import CONDITIONS, RunData, read_run
 from grape.campaign.report import campaign_page, interval, percent
 from grape.campaign.summary import build_summary
-from grape.campaign.watch import Standing, run_jobs
+from grape.campaign.watch import Standing, StandingDisplay, run_jobs
 from grape.mission.command import Cancellation
 from grape.mission.page import number
 from grape.mission.record import write_atomic
@@ -55,9 +55,10 @@ def campaign_command(
     console.print(f"[bold]{name}[/], {len(chosen)} missions, {combinations} kinds of world: {folder}", highlight=False)
     if len(chosen) < combinations:
         console.print(f"note: {len(chosen)} seeds do not reach all {combinations} combinations of --vary")
-    with cancellation.listening():
-        done = run_campaign(plan, chosen, folder, make_engine, workers, cancellation, console)
-    console.print(_table(done.summary))
+    with cancellation.listening(), StandingDisplay(console) as display:
+        done = run_campaign(plan, chosen, folder, make_engine, workers, cancellation, display.show)
+    if done.runs:
+        console.print(_table(done.summary))
     console.print(done.standing.line, highlight=False)
     console.print(f"written: {folder / 'report.html'}, campaign.json", highlight=False, soft_wrap=True)
     if cancellation.requested:
@@ -75,7 +76,7 @@ def run_campaign(
     engine: Callable[[], Engine] = LocalEngine,
     workers: int = 1,
     cancelled: Callable[[], bool] = lambda: False,
-    console: Console | None = None,
+    show: Callable[[Standing], None] = lambda standing: None,
 ) -> CampaignRun:
     """Run what is not finished in a folder, then write campaign.json and report.html of what is.
 
@@ -83,13 +84,14 @@ def run_campaign(
         folder: exists; empty, or of the same plan.
         engine: makes the engine that runs missions.
         cancelled: asked all the time; true ends the missions that run.
+        show: called several times a second while missions run.
 
     Raises:
         InvalidInput: the folder holds something else.
     """
     keep_plan(plan, folder)
     jobs = make_jobs(plan, seeds, folder)
-    standing = run_jobs(jobs, engine, workers, cancelled, console or Console(quiet=True))
+    standing = run_jobs(jobs, engine, workers, cancelled, show)
     runs = [read_run(job, result) for job, result in _finished(jobs)]
     summary = build_summary(plan, seeds, runs, standing.broken, failures_of(runs, standing.broken, folder))
     text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)

@@ -108,12 +108,18 @@ def _last_line(job: Job) -> str:
 
 
 def run_jobs(
-    jobs: Sequence[Job], engine: Callable[[], Engine], workers: int, cancelled: Callable[[], bool], console: Console
+    jobs: Sequence[Job],
+    engine: Callable[[], Engine],
+    workers: int,
+    cancelled: Callable[[], bool] = lambda: False,
+    show: Callable[[Standing], None] = lambda standing: None,
 ) -> Standing:
     """Run every job that is not finished yet, `workers` at a time, until all ended or somebody cancels.
 
     Args:
         engine: makes the engine; not called when there is nothing to run.
+        cancelled: asked all the time.
+        show: called several times a second.
     """
     standing = Standing(jobs=jobs)
     waiting = [job for job in jobs if not standing.take(job)]
@@ -121,17 +127,16 @@ def run_jobs(
         return standing
     pause, running = threading.Event(), engine()
     try:
-        with StandingDisplay(console) as display:
-            while (waiting or standing.running) and not cancelled():
-                while waiting and len(standing.running) < workers:
-                    running.start(waiting[0])
-                    standing.running.append(waiting.pop(0))
-                for job in running.ended():
-                    standing.running.remove(job)
-                    if not standing.take(job):
-                        standing.broken.append(job)
-                display.show(standing)
-                pause.wait(POLL_S)
+        while (waiting or standing.running) and not cancelled():
+            while waiting and len(standing.running) < workers:
+                running.start(waiting[0])
+                standing.running.append(waiting.pop(0))
+            for job in running.ended():
+                standing.running.remove(job)
+                if not standing.take(job):
+                    standing.broken.append(job)
+            show(standing)
+            pause.wait(POLL_S)
     finally:
         running.stop()
     standing.running = []

@@ -140,7 +140,7 @@ def test_a_mission_without_a_result_is_a_failure_with_its_last_words(folder: Pat
 
 def test_cancelling_ends_what_runs_and_reports_what_is_done(folder: Path) -> None:
     engine = PaperEngine(write_run)
-    done = run_campaign(PLAN, range(8), folder, engine, workers=1, cancelled=lambda: len(engine.started) > 2)
+    done = run_campaign(PLAN, range(8), folder, engine, cancelled=lambda: len(engine.started) > 2)
     assert engine.stopped and 1 <= done.summary["missions"] < 8
 
 
