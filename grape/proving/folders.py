@@ -13,11 +13,15 @@ def open_folder(out: Path | None, stem: str) -> Path:
     Raises:
         InvalidInput: `out` is a file.
     """
-    if out is None:
-        number = 1
-        while (out := Path("runs") / f"{stem}-{number}").exists():
-            number += 1
-    if out.exists() and not out.is_dir():
-        raise InvalidInput(f"--out {out}: it exists and is no folder")
-    out.mkdir(parents=True, exist_ok=True)
-    return out
+    folder = out or _new(stem)
+    if folder.exists() and not folder.is_dir():
+        raise InvalidInput(f"--out {folder}: it exists and is no folder")
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder
+
+
+def _new(stem: str) -> Path:
+    number = 1
+    while (folder := Path("runs") / f"{stem}-{number}").exists():
+        number += 1
+    return folder
