@@ -1,4 +1,4 @@
-"""The command line: run, list, check, render. Heavy imports wait until a command needs them."""
+"""The command line. Heavy imports wait until a command needs them."""
 
 from __future__ import annotations
 
@@ -79,9 +79,77 @@ def run(
     raise typer.Exit(EXIT[run_command(mission, seed, out, world, assignments or [], render)])
 
 
+@app.command()
+def campaign(
+    mission: Annotated[str, typer.Argument(help="Name of a built-in mission (see `grape list`), or a YAML file.")],
+    seeds: Annotated[str, typer.Option(metavar="A:B", help="Seeds A to B - 1, one mission each.")],
+    workers: Annotated[int, typer.Option(metavar="N", help="Missions at the same time.", min=1)] = 1,
+    engine: Annotated[str, typer.Option(metavar="local|ray", help="Where missions run: here, or on a cluster.")] = (
+        "local"
+    ),
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Campaign folder; an old one goes on. Default: runs/campaign-<mission>-<n>."),
+    ] = None,
+    assignments: Assignments = None,
+    variations: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--vary",
+            metavar="KEY=A,B,…",
+            help="Give a key these values in turn, seed by seed; repeatable, then every combination has its turn.",
+        ),
+    ] = None,
+) -> None:
+    """Run a mission on many seeds and say how well it works.
+
+    Each mission is a `grape run` in a process and a folder of its own. The campaign folder holds report.html to look
+    at and campaign.json for programs. Missions that are finished there are read, others run again.
+
+    Exit codes: 0 every mission has a result, 1 error in the input, 2 some have none, 130 stopped (Ctrl-C).
+    """
+    from grape.campaign.command import campaign_command
+
+    raise typer.Exit(campaign_command(mission, seeds, workers, engine, out, assignments or [], variations or []))
+
+
+@app.command()
+def reproduce(
+    row: Annotated[str, typer.Argument(help="Row of what is asked for, such as G8 (see `grape list`).")],
+    seeds: Annotated[str | None, typer.Option(metavar="A:B", help="Seeds A to B - 1; default: the row's own.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Folder; an old one goes on. Default: runs/reproduce-<row>-<n>.")
+    ] = None,
+) -> None:
+    """Run the experiment behind a row and show our figures beside those of its reference.
+
+    The folder holds reproduce.html with the plots and reproduce.json for programs.
+
+    Exit codes: 0 it ran, whether goals are met or not, 1 error in the input, 130 stopped (Ctrl-C).
+    """
+    from grape.proving.reproduce import reproduce_command
+
+    reproduce_command(row, seeds, out)
+
+
+@app.command()
+def bench(
+    name: Annotated[str, typer.Argument(help="What to measure, such as manipulation (see `grape list`).")],
+    file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the figures there too.")] = None,
+) -> None:
+    """Measure how long things take beside a peer that does the same, in one run.
+
+    Absolute figures depend on the machine; ratios hold. Exit codes: 0 it ran, 1 error in the input.
+    """
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # threads on small matrices only cost
+    from grape.proving.bench import bench_command
+
+    bench_command(name, file)
+
+
 @app.command("list")
 def list_() -> None:
-    """List what can be named: missions, trees, robots, tasks, worlds.
+    """List what can be named: missions, rows to reproduce, benches, trees, robots, tasks, worlds.
 
     And the nodes (actions and conditions) that trees may use, with their ports and defaults.
     """

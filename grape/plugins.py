@@ -1,4 +1,4 @@
-"""What can be plugged in: tasks, robots and worlds, the built-in ones and those of installed packages.
+"""What can be plugged in: tasks, robots, worlds, experiments and benches, built in or of installed packages.
 
 A package adds its own through entry points, without grape knowing it:
 
@@ -19,14 +19,25 @@ from types import MappingProxyType
 from typing import Any
 
 from grape.errors import GrapeError, did_you_mean
+from grape.proof import Bench, Experiment
 
 TASKS, ROBOTS, WORLDS = "grape.tasks", "grape.robots", "grape.worlds"
+EXPERIMENTS, BENCHES = "grape.experiments", "grape.benches"
 
 BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         TASKS: {"dispenser": "grape.tasks.dispenser:TASK"},
         ROBOTS: {"husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION"},
         WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
+        EXPERIMENTS: {
+            "G9": "grape.experiments.deployments:G9",
+            "G11": "grape.experiments.deployments:G11",
+            "G12": "grape.experiments.deployments:G12",
+            "G13": "grape.experiments.deployments:G13",
+            "G14": "grape.experiments.deployments:G14",
+            "G15": "grape.experiments.deployments:G15",
+        },
+        BENCHES: {"manipulation": "grape.experiments.bench_manipulation:BENCH"},
     }
 )
 
@@ -74,7 +85,9 @@ class WorldType:
     grow: Callable[[Any, Any], Any]
 
 
-KINDS: Mapping[str, type[Any]] = MappingProxyType({TASKS: Task, WORLDS: WorldType})
+KINDS: Mapping[str, type[Any]] = MappingProxyType(
+    {TASKS: Task, WORLDS: WorldType, EXPERIMENTS: Experiment, BENCHES: Bench}
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +130,7 @@ class Plugin:
 
 
 def find(group: str) -> Mapping[str, Plugin]:
-    """Every plugin of a group (`TASKS`, `ROBOTS`, `WORLDS`) by name; imports none.
+    """Every plugin of a group (`TASKS`, `EXPERIMENTS`, …) by name; imports none.
 
     Raises:
         PluginError: no such group, or two plugins have one name.

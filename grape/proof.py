@@ -1,7 +1,8 @@
 """What an experiment measured: quantities with their sample size, interval, reference and goal, and what to look at.
 
-An experiment proves one row of what a system is asked for. Packages bring their own through the entry point group
-`grape.experiments`, whose names are the rows and whose values are `Experiment`s.
+An experiment proves one row of what a system is asked for, a bench holds speeds against those of peers. Packages bring
+their own through the entry point groups `grape.experiments`, whose names are the rows and whose values are
+`Experiment`s, and `grape.benches`, whose values are `Bench`es.
 """
 
 from __future__ import annotations
@@ -38,17 +39,12 @@ class Quantity:
     goal: str = ""
 
     def __post_init__(self) -> None:
-        sign, _, bound = self.goal.partition(" ")
-        if self.goal and (sign not in _GOALS or not bound):
-            raise InvalidInput(f"a goal is a sign and a bound, like '<= 0.10', got {self.goal!r}")
+        _check_goal(self.goal)
 
     @property
     def met(self) -> bool | None:
         """Whether the goal is met; None without a goal, False without a value."""
-        if not self.goal:
-            return None
-        sign, _, bound = self.goal.partition(" ")
-        return self.value is not None and bool(_GOALS[sign](self.value, float(bound)))
+        return _met(self.goal, self.value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -86,6 +82,73 @@ class Experiment:
     run: Callable[[Sequence[int], Path, Callable[[float, str], None]], Proof]
 
 
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """How long something takes, beside a peer that does the same, both measured in one run.
+
+    Attributes:
+        quantity, unit: what takes that long; a unit of time.
+        value, peer_value: ours and the peer's; a peer may be missing.
+        peer: its name.
+        ratio_goal: what is asked of `ratio`, like ">= 20"; empty when nothing is.
+        value_goal: what is asked of `value`, likewise.
+    """
+
+    quantity: str
+    unit: str
+    value: float
+    peer: str = ""
+    peer_value: float | None = None
+    ratio_goal: str = ""
+    value_goal: str = ""
+
+    def __post_init__(self) -> None:
+        _check_goal(self.ratio_goal)
+        _check_goal(self.value_goal)
+
+    @property
+    def ratio(self) -> float | None:
+        """How many times as long the peer takes."""
+        return None if self.peer_value is None else self.peer_value / self.value
+
+    @property
+    def met(self) -> bool | None:
+        """Whether every goal is met; None without one."""
+        met = [_met(self.ratio_goal, self.ratio), _met(self.value_goal, self.value)]
+        return None if met == [None, None] else False not in met
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """How speeds are measured.
+
+    Attributes:
+        summary: what is measured, in one sentence.
+        run: (progress: called with a fraction and a sentence) → comparisons.
+    """
+
+    name: str
+    summary: str
+    run: Callable[[Callable[[float, str], None]], Sequence[Comparison]]
+
+
+def parse_seeds(text: str) -> range:
+    """Seeds as a user writes them: `A:B` is A, A + 1, … B − 1.
+
+    Raises:
+        InvalidInput: it is not two whole numbers with 0 <= A < B.
+    """
+    first, colon, last = text.partition(":")
+    if not (first.isascii() and first.isdigit()) or (colon and not (last.isascii() and last.isdigit())):
+        raise InvalidInput(f"seeds must be two whole numbers FIRST:LAST, last excluded, like 0:10; got {text!r}")
+    if not colon:
+        raise InvalidInput(f"seeds must be FIRST:LAST, last excluded; did you mean {first}:{int(first) + 1}?")
+    if int(first) >= int(last):
+        hint = f"did you mean {first}:{int(first) + 1}?" if first == last else f"did you mean {last}:{first}?"
+        raise InvalidInput(f"seeds {text!r} are none, the last is excluded; {hint}")
+    return range(int(first), int(last))
+
+
 def wilson95(yes: int, n: int) -> tuple[float, float]:
     """95 % confidence interval of the rate of `yes` among `n`; (0, 1) when n is 0.
 
@@ -98,3 +161,16 @@ def wilson95(yes: int, n: int) -> tuple[float, float]:
     z, p = 1.959964, yes / n
     middle, half = p + z * z / (2 * n), z * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
     return float((middle - half) / (1 + z * z / n)), float((middle + half) / (1 + z * z / n))
+
+
+def _check_goal(goal: str) -> None:
+    sign, _, bound = goal.partition(" ")
+    if goal and (sign not in _GOALS or not bound):
+        raise InvalidInput(f"a goal is a sign and a bound, like '<= 0.10', got {goal!r}")
+
+
+def _met(goal: str, value: float | None) -> bool | None:
+    if not goal:
+        return None
+    sign, _, bound = goal.partition(" ")
+    return value is not None and bool(_GOALS[sign](value, float(bound)))

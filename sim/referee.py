@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import mujoco
@@ -56,6 +56,23 @@ class _Errors:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Witness:
+    """What was so when the robot looked: where the dispensers were, and whether the plant in hand had one.
+
+    Attributes:
+        true: what the check should have said; None for a check that the referee does not know.
+    """
+
+    time_s: float
+    check: str
+    plant: str
+    true: bool | None
+    in_feeder: int
+    on_hand: int
+    hanging: bool
+
+
+@dataclass(frozen=True, kw_only=True)
 class PathSample:
     """Where base_link really was (m, rad, map frame), and how far off the robot's own estimate was."""
 
@@ -98,6 +115,7 @@ class Referee:
         self._max_plant_force = 0.0
         self._errors = _Errors()
         self._path: list[PathSample] = []
+        self._witnessed: list[Witness] = []
 
     @property
     def path(self) -> tuple[PathSample, ...]:
@@ -147,6 +165,30 @@ class Referee:
             now = self._physics.clock.now()
             self._path.append(PathSample(time_s=now, x=x, y=y, yaw=yaw_of(T_map_base), error_m=error_m))
 
+    def witness(self, check: str, plant: str) -> None:
+        """Remember what is so at this moment, for the run folder alone: the robot has just looked.
+
+        Args:
+            check: feeder (holds a dispenser?), grasp (is one on the hand?) or deployment (does one hang on the plant?).
+            plant: the plant in hand, or empty.
+        """
+        places = self._judge.places()
+        in_feeder = sum(place.where == DispenserPlace.FEEDER for place in places)
+        on_hand = sum(place.where == DispenserPlace.HAND for place in places)
+        hanging = any(place.plant == plant for place in places if place.plant is not None)
+        true = {"feeder": in_feeder > 0, "grasp": on_hand > 0, "deployment": hanging}.get(check)
+        self._witnessed.append(
+            Witness(
+                time_s=round(self._physics.clock.now(), 3),
+                check=check,
+                plant=plant,
+                true=true,
+                in_feeder=in_feeder,
+                on_hand=on_hand,
+                hanging=hanging,
+            )
+        )
+
     def verdict(self) -> dict[str, Any]:
         """What really happened, as `truth` and `localization` of result.json."""
         places = self._judge.places()
@@ -171,6 +213,7 @@ class Referee:
                 "fence_crossings": self._fences.crossings,
                 "max_plant_force_n": round(self._max_plant_force, 2),
                 "plants": plants,
+                "checks": [asdict(witness) for witness in self._witnessed],
             },
             "localization": self._errors.summary(),
         }

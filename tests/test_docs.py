@@ -19,10 +19,12 @@ import pytest
 import typer
 
 from grape import cli
+from grape.campaign.watch import Standing
 from grape.config import model_of
 from grape.errors import Reason
 from grape.mission.file import MissionFile, Selection, load_mission
 from grape.mission.launch import write_inputs
+from grape.proof import Bench, Experiment, Proof
 from grape.site import load_site, save_site
 
 ROOT = Path(__file__).parents[1]
@@ -108,6 +110,11 @@ def test_every_command_in_a_block_is_accepted(
 
     monkeypatch.setattr("grape.mission.command.run_command", dry_run)
     monkeypatch.setattr("grape.mission.pictures._take", lambda mission, out: [])
+    monkeypatch.setattr("grape.campaign.command.run_jobs", lambda jobs, *rest: Standing(jobs=jobs))
+    nothing = Experiment(row="G8", summary="", seeds=range(1), run=lambda *given: Proof(quantities=()))
+    monkeypatch.setattr("grape.proving.reproduce.experiment_of", lambda row: nothing)
+    unmeasured = Bench(name="manipulation", summary="", run=lambda progress: ())
+    monkeypatch.setattr("grape.experiments.bench_manipulation.BENCH", unmeasured)
     monkeypatch.setattr(sys, "argv", shlex.split(command))
     with pytest.raises(SystemExit) as end:
         cli.main()
@@ -132,7 +139,11 @@ def test_python_on_a_page_runs(page: str, desk: Path, capsys: pytest.CaptureFixt
     names: dict[str, Any] = {}
     for text in blocks(page, "python"):
         exec(compile(text, page, "exec"), names)
-    expected = {"first_steps.md": "X timeout late", "file_formats.md": "gobelet ['r0v1'"}[page]
+    expected = {
+        "first_steps.md": "X timeout late",
+        "file_formats.md": "gobelet ['r0v1'",
+        "proving_figures.md": "arm states without a collision",
+    }[page]
     assert expected in capsys.readouterr().out
 
 
@@ -215,6 +226,17 @@ def test_every_field_of_the_result_is_described(tmp_path: Path) -> None:
     assert keys | {*result["localization"], *result["navigation"]} <= set(code(text))
     judged = set(re.findall(r'"(\w+)":', inspect.getsource(Referee.verdict)))
     assert judged - {"truth", "localization"} <= set(code(" ".join(cell for row in truth for cell in row)))
+
+
+def test_every_field_of_a_campaign_is_described() -> None:
+    from grape.campaign.failures import Failure
+    from grape.campaign.plan import make_plan
+    from grape.campaign.summary import build_summary, success
+
+    (fields,) = tables("proving_figures.md", "Campaigns")
+    text = " ".join(cell for row in fields for cell in row)
+    summary = build_summary(make_plan("dispenser_deployment", [], []), range(1), [], [], [])
+    assert {*summary, *success([]), *Failure.__annotations__} <= set(code(text))
 
 
 def test_every_library_has_its_job_and_range() -> None:

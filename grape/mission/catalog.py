@@ -6,24 +6,29 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from grape.plugins import ROBOTS, TASKS, WORLDS, PluginError, Task, WorldType, find, load
+from grape.plugins import BENCHES, EXPERIMENTS, ROBOTS, TASKS, WORLDS, PluginError, Task, WorldType, find, load
+from grape.proof import Bench, Experiment
 
 
 def tasks() -> dict[str, Task]:
     """Every task that can be loaded, by name; `broken` tells of the others."""
-    found = {}
-    for name, plugin in find(TASKS).items():
-        try:
-            found[name] = plugin.load()
-        except PluginError:
-            continue
-    return found
+    return _loadable(TASKS)
+
+
+def experiments() -> dict[str, Experiment]:
+    """Every experiment that can be loaded, by row."""
+    return _loadable(EXPERIMENTS)
+
+
+def benches() -> dict[str, Bench]:
+    """Every bench that can be loaded, by name."""
+    return _loadable(BENCHES)
 
 
 def broken() -> tuple[str, ...]:
     """What is wrong with each plugin that cannot be loaded."""
     texts = []
-    for group in (TASKS, ROBOTS, WORLDS):
+    for group in (TASKS, ROBOTS, WORLDS, EXPERIMENTS, BENCHES):
         for plugin in find(group).values():
             try:
                 plugin.load()
@@ -89,6 +94,16 @@ def nodes(task: str) -> dict[str, Any]:
     from grape.bt import node_library
 
     return dict(node_library(sorted(load(TASKS, task).leaves, key=lambda leaf: leaf.name)))
+
+
+def _loadable(group: str) -> dict[str, Any]:
+    found = {}
+    for name, plugin in find(group).items():
+        try:
+            found[name] = plugin.load()
+        except PluginError:
+            continue
+    return found
 
 
 def _files(what: str, brought: Mapping[str, Mapping[str, Path]]) -> dict[str, Path]:

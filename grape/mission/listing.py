@@ -9,15 +9,20 @@ from rich.markup import escape
 from rich.table import Table
 
 from grape.config import load_yaml
-from grape.mission.catalog import broken, missions, nodes, robots, tasks, trees, worlds
+from grape.mission.catalog import benches, broken, experiments, missions, nodes, robots, tasks, trees, worlds
 
 
 def print_catalog(console: Console | None = None) -> None:
-    """Print missions, trees, robots, tasks, worlds and the nodes of each task with their ports."""
+    """Print missions, rows, benches, trees, robots, tasks, worlds and the nodes of each task with their ports."""
     console = console or Console()
     table = Table("mission", "what it does", title="Missions", title_justify="left")
     for name, path in missions().items():
         table.add_row(name, str(load_yaml(path).data.get("description", "")))
+    console.print(table)
+    table = Table("name", "command", "what it measures", title="Proofs and benches", title_justify="left")
+    for command, found in (("reproduce", experiments()), ("bench", benches())):
+        for name in sorted(found, key=_natural):
+            table.add_row(name, f"grape {command} {name}", escape(found[name].summary))
     console.print(table)
     for kind, names in (("Trees", trees()), ("Robots", robots()), ("Tasks", tasks()), ("Worlds", worlds())):
         console.print(f"[bold]{kind}[/]: {', '.join(names)}")
@@ -25,6 +30,13 @@ def print_catalog(console: Console | None = None) -> None:
         console.print(_nodes(task))
     for text in broken():
         console.print(f"[red]error:[/] {escape(text)}")
+
+
+def _natural(name: str) -> tuple[str, int, str]:
+    """G8 before G10."""
+    letters = name.rstrip("0123456789")
+    digits = name[len(letters) :]
+    return letters, int(digits or 0), name
 
 
 def _nodes(task: str) -> Table:

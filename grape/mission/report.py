@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 import csv
 import json
 from collections.abc import Sequence
@@ -12,15 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from grape.mission.page import document, none, number, picture, section, table, tiles
 from grape.mission.record import read_events, write_atomic
 from grape.mission.report_map import site_map
 from grape.mission.report_servo import servo_card, servo_runs
-from grape.mission.report_style import CSS
 from grape.mission.svg import PALETTE, drawing, label, line_chart, tag
 from grape.site import load_site
 
 MAX_PICTURES = 60
-PICTURE_WIDTH = 420
 
 
 def write_report(folder: Path) -> None:
@@ -31,29 +29,16 @@ def write_report(folder: Path) -> None:
     plants = {plant["id"]: plant for plant in result["plants"]}
     sections = [
         _header(result),
-        _section("Site", site_map(load_site(folder / "site.geojson"), path, plants)),
-        _section("Plants", _plant_table(result) + _phase_bars(result)),
-        _section("Pictures", _pictures(folder, events)),
-        _section("Visual servoing", "".join(servo_card(run) for run in servo_runs(events)) or _none("no servo run")),
-        _section("Localization", _localization(path, events)),
-        _section("Account and referee", _account(result) + _collisions(result)),
-        _section("What did not go well", _failures(events)),
+        section("Site", site_map(load_site(folder / "site.geojson"), path, plants)),
+        section("Plants", _plant_table(result) + _phase_bars(result)),
+        section("Pictures", _pictures(folder, events)),
+        section("Visual servoing", "".join(servo_card(run) for run in servo_runs(events)) or none("no servo run")),
+        section("Localization", _localization(path, events)),
+        section("Account and referee", _account(result) + _collisions(result)),
+        section("What did not go well", _failures(events)),
     ]
     title = f"{result['mission']} seed {result['seed']}"
-    page = (
-        f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{escape(title)}</title>'
-        f'<meta name="viewport" content="width=device-width"><style>{CSS}</style></head>'
-        f"<body>{''.join(sections)}</body></html>\n"
-    )
-    write_atomic(folder / "report.html", page)
-
-
-def _section(title: str, content: str) -> str:
-    return f"<section><h2>{escape(title)}</h2>{content}</section>"
-
-
-def _none(text: str) -> str:
-    return f'<p class="none">{escape(text)}</p>'
+    write_atomic(folder / "report.html", document(title, sections))
 
 
 def _read_path(path: Path) -> Any:
@@ -62,39 +47,28 @@ def _read_path(path: Path) -> Any:
     return np.array(rows, float).reshape(-1, len(header))
 
 
-def _number(value: Any, digits: int = 1, unit: str = "") -> str:
-    return "–" if value is None else f"{value:.{digits}f}{unit}"
-
-
 def _header(result: dict[str, Any]) -> str:
     truth = result["truth"] or {}
     deployed = sum(plant["outcome"] == "deployed" for plant in result["plants"])
     cycles = sorted(plant["cycle_s"] for plant in result["plants"] if plant["cycle_s"] is not None)
     median = cycles[len(cycles) // 2] if cycles else None
-    tiles = [
+    figures = [
         (f"{deployed} / {len(result['plants'])}", "plants deployed"),
         (str(len(truth["hanging"])) if truth else "–", "hang by the referee"),
-        (_number(median, 0, " s"), "median cycle"),
-        (_number(result["sim_time_s"], 0, " s"), "simulated"),
+        (number(median, 0, " s"), "median cycle"),
+        (number(result["sim_time_s"], 0, " s"), "simulated"),
         (f"×{result['real_time_factor']:.2f}", "real time"),
-        (_number(result["localization"]["position_rmse_m"], 3, " m"), "position error, RMS"),
-        (_number(truth.get("max_plant_force_n"), 1, " N"), "hardest touch of a plant"),
+        (number(result["localization"]["position_rmse_m"], 3, " m"), "position error, RMS"),
+        (number(truth.get("max_plant_force_n"), 1, " N"), "hardest touch of a plant"),
         (str(truth.get("fence_crossings", "–")), "fences crossed"),
-        (_number(result["navigation"]["distance_m"], 0, " m"), "driven"),
+        (number(result["navigation"]["distance_m"], 0, " m"), "driven"),
     ]
-    boxes = "".join(f'<div class="tile"><b>{value}</b><span>{name}</span></div>' for value, name in tiles)
     detail = f'<p class="detail">{escape(result["detail"])}</p>' if result.get("detail") else ""
     return (
         f'<header><h1>{escape(result["mission"])} <span class="badge {result["status"]}">{result["status"]}</span></h1>'
         f'<p class="sub">robot {escape(result["robot"])} · seed {result["seed"]} · ended by {result["ended_by"]}</p>'
-        f'{detail}<div class="tiles">{boxes}</div></header>'
+        f"{detail}{tiles(figures)}</header>"
     )
-
-
-def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    top = "".join(f"<th>{name}</th>" for name in head)
-    body = "".join("<tr>" + "".join(f"<td>{cell}</td>" for cell in row) + "</tr>" for row in rows)
-    return f'<div class="scroll"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
 
 
 def _plant_table(result: dict[str, Any]) -> str:
@@ -110,16 +84,16 @@ def _plant_table(result: dict[str, Any]) -> str:
                 plant["mode"].replace("_", " "),
                 f'<span class="badge {outcome}">{outcome}</span>',
                 hangs if agrees else f'<span class="badge bad">{hangs}</span>',
-                _number(true.get("offset_mm"), 1, " mm"),
+                number(true.get("offset_mm"), 1, " mm"),
                 escape(plant["reason"].replace("_", " ")) or "–",
                 str(plant["attempts"]),
-                _number(plant["cycle_s"], 1, " s"),
-                _number(servo["error_px"], 2, " px"),
+                number(plant["cycle_s"], 1, " s"),
+                number(servo["error_px"], 2, " px"),
                 str(servo["iterations"] if servo["iterations"] is not None else "–"),
             ]
         )
     head = ["plant", "mode", "outcome", "referee", "offset", "reason", "attempts", "cycle", "servo error", "steps"]
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _phase_bars(result: dict[str, Any]) -> str:
@@ -157,30 +131,14 @@ def _pictures(folder: Path, events: Sequence[dict[str, Any]]) -> str:
         if event["kind"] == "plant_started":
             plant = str(event["plant"])
         elif event["kind"] == "picture" and len(cards) < MAX_PICTURES:
-            data = _jpeg(folder / event["file"])
-            text = f"{escape(str(event['name']).replace('_', ' '))} · {escape(plant)} · {event['t']:.1f} s"
-            cards.append(
-                f'<figure><img alt="{text}" src="data:image/jpeg;base64,{data}">'
-                f"<figcaption>{text}</figcaption></figure>"
-            )
-    return f'<div class="pictures">{"".join(cards)}</div>' if cards else _none("no pictures")
-
-
-def _jpeg(path: Path) -> str:
-    import cv2
-
-    bgr = cv2.imread(str(path))
-    if bgr is None:
-        return ""
-    height = max(1, round(bgr.shape[0] * PICTURE_WIDTH / bgr.shape[1]))
-    small = cv2.resize(bgr, (PICTURE_WIDTH, height), interpolation=cv2.INTER_AREA)
-    _, data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])
-    return base64.b64encode(data.tobytes()).decode("ascii")
+            text = f"{str(event['name']).replace('_', ' ')} · {plant} · {event['t']:.1f} s"
+            cards.append(picture(folder / event["file"], text))
+    return f'<div class="pictures">{"".join(cards)}</div>' if cards else none("no pictures")
 
 
 def _localization(path: Any, events: Sequence[dict[str, Any]]) -> str:
     if path.shape[1] < 7 or not len(path):
-        return _none("the true path is not known")
+        return none("the true path is not known")
     position = np.hypot(path[:, 1] - path[:, 4], path[:, 2] - path[:, 5])
     yaw = np.degrees(np.abs(np.remainder(path[:, 3] - path[:, 6] + np.pi, 2 * np.pi) - np.pi))
     marks = [(float(event["t"]), str(event["plant"])) for event in events if event["kind"] == "plant_started"]
@@ -205,7 +163,7 @@ def _account(result: dict[str, Any]) -> str:
     if truth is not None:
         seen = [len(truth["hanging"]), truth["in_feeder"], truth["on_hand"], truth["dropped"]]
         rows.append(["referee", str(sum(seen)), *(str(number) for number in seen)])
-    return _table(head, rows)
+    return table(head, rows)
 
 
 def _collisions(result: dict[str, Any]) -> str:
@@ -216,8 +174,8 @@ def _collisions(result: dict[str, Any]) -> str:
         [escape(c["a"]), escape(c["b"]), f"{c['force_n']:.1f} N", f"{c['time_s']:.1f} s"] for c in truth["collisions"]
     ]
     if not rows:
-        return "<h3>Collisions</h3>" + _none("none")
-    return "<h3>Collisions</h3>" + _table(["part", "part", "largest force", "first at"], rows)
+        return "<h3>Collisions</h3>" + none("none")
+    return "<h3>Collisions</h3>" + table(["part", "part", "largest force", "first at"], rows)
 
 
 def _failures(events: Sequence[dict[str, Any]]) -> str:
@@ -229,4 +187,4 @@ def _failures(events: Sequence[dict[str, Any]]) -> str:
         elif event["kind"] == "crash":
             text = f"<pre>{escape(str(event.get('traceback', '')))}</pre>"
             rows.append([f"{event['t']:.1f} s", escape(str(event.get("path", ""))), "crash", text])
-    return _table(["at", "action", "reason", "detail"], rows) if rows else _none("nothing")
+    return table(["at", "action", "reason", "detail"], rows) if rows else none("nothing")

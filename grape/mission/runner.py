@@ -32,6 +32,8 @@ class Referee(Protocol):
 
     def observe(self, estimate: Odometry | None = None) -> None: ...
 
+    def witness(self, check: str, plant: str) -> None: ...
+
     def verdict(self) -> dict[str, Any]: ...
 
 
@@ -110,7 +112,7 @@ class Runner:
         self._on_progress = on_progress
         self._on_beat = on_beat
         self._tracker = ProgressTracker([plant.plant for plant in mission.plants])
-        self.log = RunRecorder(folder, backend.clock, observer=self._tracker.observe)
+        self.log = RunRecorder(folder, backend.clock, observer=self._see)
         pairs = [(plant.plant, plant.mode) for plant in mission.plants]
         self.ledger = SqliteLedger.create(folder / "ledger.sqlite", pairs, mission.file.dispensers)
         self.context = Context(
@@ -154,6 +156,12 @@ class Runner:
         """Close the files of the folder."""
         self.log.close()
         self.ledger.close()
+
+    def _see(self, event: dict[str, Any]) -> None:
+        """Follow the robot's account; whenever it has looked, let the referee note what was so."""
+        self._tracker.observe(event)
+        if self._referee is not None and event["kind"] == "check":
+            self._referee.witness(str(event["check"]), self._tracker.plant)
 
     def _beat(self, tree: Tree, track: Track, wall: MonotonicClock) -> tuple[str, Status]:
         clock, next_track, next_progress = self._backend.clock, 0.0, 0.0

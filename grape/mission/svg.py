@@ -132,3 +132,27 @@ def legend(entries: Sequence[tuple[str, str]], right: float, y: float) -> list[s
         parts.append(label(x + 14, y + 1, name, class_="num"))
         x += 22 + 6.3 * len(name)
     return parts
+
+
+def interval_chart(rows: Sequence[tuple[str, float, tuple[float, float], str]], *, width: float = 720) -> str:
+    """Rates from 0 to 1 with their intervals, one line each.
+
+    Args:
+        rows: name, rate, interval, and a text that stands behind.
+    """
+    if not rows:
+        return '<p class="none">no data</p>'
+    height = 22.0 * len(rows)
+    frame = Frame(left=210, top=20, width=width - 370, height=height, x=(0.0, 1.0), y=(0.0, len(rows)), up=False)
+    parts = []
+    for value in ticks(0.0, 1.0):
+        x, _ = frame.at(value, 0.0)
+        parts.append(tag("line", x1=x, x2=x, y1=frame.top, y2=frame.top + height, class_="grid"))
+        parts.append(label(x, 14, f"{100 * value:g} %", class_="num", text_anchor="middle"))
+    for k, (name, rate, (low, high), text) in enumerate(rows):
+        (x0, y), (x1, _), (x, _) = (frame.at(value, k + 0.5) for value in (low, high, rate))
+        parts.append(label(frame.left - 10, y + 4, name, class_="axis", text_anchor="end"))
+        parts.append(tag("line", x1=x0, x2=x1, y1=y, y2=y, stroke=PALETTE[0], stroke_width=3.0))
+        parts.append(tag("circle", cx=x, cy=y, r=4.5, fill=PALETTE[0]))
+        parts.append(label(frame.left + frame.width + 10, y + 4, text, class_="num"))
+    return drawing(width, height + 28, parts, "chart")

@@ -141,15 +141,16 @@ def sphere_centers(q, chain, spheres):
 
 
 @njit(cache=True, error_model="numpy")
-def _least_clearance(q, model, scene, padding, self_padding, stop, centers):
+def _least_clearance(q, model, scene, padding, self_padding, most, stop, centers):
     """(clearance, kind, sphere, other) of the nearest thing; returns early once a clearance is below `stop`.
 
-    A capsule whose middle is farther away than its half length plus the best clearance so far is passed over.
+    Clearances of `most` and above are not told apart. A capsule whose middle is farther away than its half length plus
+    the best clearance so far is passed over.
     """
     chain, spheres, capsules, pairs, boxes, mask = model
     field, grid = scene
     _centers(q, chain, spheres, centers)
-    best, kind, first, second = grid[4], NOTHING, -1, -1
+    best, kind, first, second = most, NOTHING, -1, -1
     for c in range(len(capsules) - 1, -1, -1):  # the hand first: it hits most often
         s0, s1 = int(capsules[c, 0]), int(capsules[c, 1])
         around = capsules[c, 2] + padding
@@ -212,14 +213,14 @@ def _box_distance(x, y, z, box):
 def least_clearance(q, model, scene, padding, self_padding):
     """(clearance m, kind, sphere, other) at one state."""
     centers = np.empty((len(model[1]), 3))
-    return _least_clearance(q, model, scene, padding, self_padding, -np.inf, centers)
+    return _least_clearance(q, model, scene, padding, self_padding, scene[1][4], -np.inf, centers)
 
 
 @njit(cache=True)
 def state_valid(q, model, scene, padding, self_padding):
     """Whether nothing is nearer than the paddings."""
     centers = np.empty((len(model[1]), 3))
-    return _least_clearance(q, model, scene, padding, self_padding, 0.0, centers)[0] >= 0.0
+    return _least_clearance(q, model, scene, padding, self_padding, 0.0, 0.0, centers)[0] >= 0.0
 
 
 @njit(cache=True)
@@ -234,14 +235,14 @@ def edge_valid(q0, q1, reach, model, scene, padding, self_padding, least_step):
     travel = 0.0
     for i in range(n):
         travel += abs(q1[i] - q0[i]) * reach[i]
-    if _least_clearance(q1, model, scene, padding, self_padding, 0.0, centers)[0] < 0.0:
+    if _least_clearance(q1, model, scene, padding, self_padding, 0.0, 0.0, centers)[0] < 0.0:
         return False, 1
     q = np.empty(n)
     t, checked = 0.0, 1
     while t < 1.0:
         for i in range(n):
             q[i] = q0[i] + t * (q1[i] - q0[i])
-        d = _least_clearance(q, model, scene, padding, self_padding, 0.0, centers)[0]
+        d = _least_clearance(q, model, scene, padding, self_padding, scene[1][4], 0.0, centers)[0]
         checked += 1
         if d < 0.0:
             return False, checked

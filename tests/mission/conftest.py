@@ -52,6 +52,7 @@ class FakeBackend:
         self.drivers = SimpleNamespace(**self.buffers, scans={}, clouds={}, stop_all=self.stop_all)
         self.site = mission.site
         self.estimates: list[Any] = []
+        self.witnessed: list[tuple[str, str]] = []
         self.sample()
 
     @property
@@ -94,6 +95,9 @@ class FakeBackend:
     def observe(self, estimate: Any = None) -> None:
         if estimate is not None:
             self.estimates.append(estimate)
+
+    def witness(self, check: str, plant: str) -> None:
+        self.witnessed.append((check, plant))
 
     @property
     def referee(self) -> FakeBackend:

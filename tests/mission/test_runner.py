@@ -47,6 +47,20 @@ def test_sense_fills_the_world_before_the_first_tick(make_runner: Make, backend:
     assert len(backend.estimates) >= 149, "the referee is shown the estimate every beat"
 
 
+def test_the_referee_is_told_of_every_look_and_of_nothing_else(make_runner: Make, backend: Any) -> None:
+    def script(context: Context, ticks: int) -> Status | None:
+        if ticks == 1:
+            context.log.event("plant_started", plant="r0n0", mode="nail")
+            context.log.event("check", check="grasp", value=True)
+            context.log.event("scan", plant="r0n0")
+        return Status.SUCCEEDED if ticks == 2 else None
+
+    runner, _ = make_runner(script)
+    runner.run()
+    runner.close()
+    assert backend.witnessed == [("grasp", "r0n0")]
+
+
 def test_a_mission_ends_when_its_tree_ends_and_the_robot_stands(make_runner: Make, backend: Any) -> None:
     runner, trees = make_runner(end_at(10))
     finding = runner.run()

@@ -99,6 +99,23 @@ def test_a_dropped_dispenser_counts_as_dropped(simulate):
     assert (found["in_feeder"], found["dropped"]) == (1, 1)
 
 
+def test_what_was_so_at_a_look_of_the_robot_is_remembered(simulate):
+    simulation = simulate(dispensers=1)
+    referee, nail = simulation.referee, simulation.world.nails[0]
+    beats(simulation, 5)
+    for check in ("feeder", "grasp", "deployment", "weather"):
+        referee.witness(check, nail.id)
+    place(simulation, 0, over(nail.tip, nail.base))
+    beats(simulation, 150)
+    assert truth(simulation)["hanging"] == [nail.id]
+    for check, plant in (("feeder", nail.id), ("deployment", nail.id), ("deployment", "r0v0")):
+        referee.witness(check, plant)
+    looks = truth(simulation)["checks"]
+    assert [look["true"] for look in looks] == [True, False, False, None, False, True, False]
+    assert (looks[0]["in_feeder"], looks[5]["in_feeder"], looks[5]["hanging"]) == (1, 0, True)
+    assert looks[5]["time_s"] == pytest.approx(simulation.clock.now()) and looks[5]["plant"] == nail.id
+
+
 def test_driving_into_a_post_is_a_collision_with_its_force_and_time(simulate):
     simulation = simulate()
     post = next(piece for piece in simulation.world.capsules if "post" in piece.name)

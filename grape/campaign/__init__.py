@@ -1,0 +1,1 @@
+"""Missions on many seeds, and what they come to: `grape campaign`."""
