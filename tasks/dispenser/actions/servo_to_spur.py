@@ -11,6 +11,7 @@ from grape.control.point_servo import PointServo, PointServoOptions
 from grape.errors import ActionFailed
 from grape.geometry import inverse, transform
 from grape.messages import Array, RgbdImage
+from grape.perception.blobs import back_project
 from grape.tasks.dispenser.perception.branch_point import branch_point, reference_colour
 from grape.tasks.dispenser.targets import AIM_DEPTH_M, HangTarget
 
@@ -45,13 +46,16 @@ def servo_to_spur(goal: ServoToSpurGoal, ctx: Context) -> Generator[Feedback, No
     T_hand_nails = robot.hand.T_hand_nails(robot.description.gripper.open_angle)
     reference: Array | None = None
 
+    direction = (target.rotation() @ T_hand_camera[:3, :3]).T @ target.direction  # in the optical frame
+
     def find(image: RgbdImage, pixel: Array, depth: float) -> tuple[Array | None, float | None]:
         nonlocal reference
+        tip = back_project(pixel, depth, image.info.K)
         if reference is None:
-            reference = reference_colour(image, pixel, depth)
+            reference = reference_colour(image, tip, direction)
         if reference is None:
             return None, None
-        point = branch_point(image, pixel, depth, reference)
+        point = branch_point(image, tip, direction, reference)
         return point.pixel, point.depth_m
 
     def place(stand_off: float) -> Array:

@@ -1,4 +1,9 @@
-"""The one image point that plant mode servos on: the tip of the spur near where it is predicted."""
+"""The one point that plant mode servos on: the tip of the spur near where it is predicted.
+
+Colour and depth both decide. Of the pixels that look like the spur, those count whose places in space lie beside the
+predicted axis: the held loop, which crosses the spur in the image, is nearer to the camera and drops out. What is left
+is one bar; its far end is the tip.
+"""
 
 from __future__ import annotations
 
@@ -17,118 +22,120 @@ class BranchPointOptions:
     """What belongs to the spur.
 
     Args:
-        window_m: half-size of the searched square around the prediction, at its depth.
+        below_m, above_m: how far from the predicted tip, along the spur, is looked.
+        beside_m: how far the spur may lie beside its predicted axis.
+        radius_m: of the bar that is kept, about the surface that is found.
         colour: largest difference to the reference in L, a, b (OpenCV's 0...255 scale).
-        depth_gate_m: largest difference to the predicted depth.
+        bridge_m: a longer gap along the spur, such as one that a finger hides, ends it.
         min_depth_m: below this the camera measures no depth.
-        min_area_m2: smallest component facing the camera.
-        top_m: height of the rows at the component's top whose mean is the tip.
+        min_area_m2: smallest surface facing the camera.
         max_jump_m: a tip farther from the prediction than this is not it.
-        bridge_m: what lies in front and is no wider than this, such as a tube of the held loop, does not cut the spur.
     """
 
-    window_m: float = 0.04
+    below_m: float = 0.05
+    above_m: float = 0.03
+    beside_m: float = 0.025
+    radius_m: float = 0.009
     colour: tuple[float, float, float] = (40.0, 14.0, 14.0)
-    depth_gate_m: float = 0.030
+    bridge_m: float = 0.012
     min_depth_m: float = 0.20
     min_area_m2: float = 1.0e-5
-    top_m: float = 0.005
-    max_jump_m: float = 0.025
-    bridge_m: float = 0.008
+    max_jump_m: float = 0.030
 
     def __post_init__(self) -> None:
-        lengths = (self.window_m, self.depth_gate_m, self.top_m, self.max_jump_m, self.bridge_m)
-        sizes = (*lengths, self.min_area_m2, *self.colour)
-        if min(sizes) <= 0 or self.min_depth_m < 0:
+        lengths = (self.below_m, self.above_m, self.beside_m, self.radius_m, self.bridge_m, self.max_jump_m)
+        if min(*lengths, self.min_area_m2, *self.colour) <= 0 or self.min_depth_m < 0:
             raise InvalidInput(f"branch point options must be positive, got {self}")
 
 
 @dataclass(frozen=True, kw_only=True)
 class BranchPoint:
-    """The tip in the image, or why it is not seen.
-
-    pixel (2,) px is the mean of the component's top rows, None when not found; depth_m is their median depth, None
-    when the camera measured none (hold the last one); circle_px (2,) is the centre of the component's enclosing circle.
-    """
+    """The tip in the image, or why it is not seen: pixel (2,) px and depth_m are None then; area_px: pixels that count."""
 
     pixel: Array | None
     depth_m: float | None
     reason: str
-    circle_px: Array | None = None
     area_px: int = 0
 
 
 @dataclass(frozen=True)
-class _Window:
-    """The searched part of an image: LAB (h, w, 3) float, depth (h, w) m, origin (u, v); gate and hidden (h, w) bool.
+class _Surface:
+    """What the camera sees about the predicted tip.
 
-    gate: at the predicted depth. hidden: something nearer may lie in front.
+    lab (n, 3); along (n,) m from the predicted tip, along the spur; beside (n, 3) m off the predicted axis; pixel (n,)
+    distance in px from the predicted tip.
     """
 
     lab: Array
-    depth: Array
-    origin: Array
-    gate: Array
-    hidden: Array
+    along: Array
+    beside: Array
+    pixel: Array
     px_per_m: float
 
 
-def _window(image: RgbdImage, pixel: Array, depth_m: float, options: BranchPointOptions) -> _Window | None:
+def _surface(image: RgbdImage, tip: Array, direction: Array, options: BranchPointOptions) -> _Surface | None:
     bgr = as_bgr(image.bgr)
     depth = as_depth(image.depth, bgr.shape[:2])
-    pixel = as_vector(pixel, 2, "predicted pixel")
-    if not (np.isfinite(depth_m) and depth_m > 0):
-        raise InvalidInput(f"the predicted depth must be positive metres, got {depth_m}")
-    px_per_m = float(image.info.K[0][0]) / depth_m
-    half = max(options.window_m * px_per_m, 6.0)
-    u0, v0 = (max(round(c - half), 0) for c in pixel)
-    u1, v1 = (min(round(c + half) + 1, n) for c, n in zip(pixel, (bgr.shape[1], bgr.shape[0]), strict=True))
-    if u1 - u0 < 8 or v1 - v0 < 8:
+    tip, direction = as_vector(tip, 3, "predicted tip"), as_vector(direction, 3, "direction")
+    if not (np.isfinite(tip).all() and tip[2] > 0 and abs(np.linalg.norm(direction) - 1.0) < 1e-3):
+        raise InvalidInput(f"a tip before the camera and a unit vector are needed, got {tip} and {direction}")
+    K = np.asarray(image.info.K, float)
+    px_per_m = float(K[0, 0] / tip[2])
+    ends = np.array([tip + options.above_m * direction, tip - options.below_m * direction])
+    centre = tip[:2] / tip[2] * K[[0, 1], [0, 1]] + K[:2, 2]
+    ends = ends[:, :2] / np.maximum(ends[:, 2:], 0.05) * K[[0, 1], [0, 1]] + K[:2, 2]
+    margin = options.beside_m * px_per_m
+    low = np.maximum(np.floor(ends.min(axis=0) - margin), 0).astype(int)
+    high = np.minimum(np.ceil(ends.max(axis=0) + margin) + 1, (bgr.shape[1], bgr.shape[0])).astype(int)
+    if (high - low < 8).any():
         return None
-    lab = cv2.cvtColor(np.ascontiguousarray(bgr[v0:v1, u0:u1]), cv2.COLOR_BGR2LAB).astype(np.float32)
-    z = np.where(depth[v0:v1, u0:u1] < options.min_depth_m, 0.0, depth[v0:v1, u0:u1])
-    gate = np.abs(z - depth_m) < options.depth_gate_m
-    if depth_m < options.min_depth_m + options.depth_gate_m:
-        gate |= z == 0  # perhaps nearer than the camera can measure: there, colour alone decides
-    hidden = z < depth_m
-    return _Window(lab=lab, depth=z, origin=np.array([u0, v0], float), gate=gate, hidden=hidden, px_per_m=px_per_m)
+    patch = np.ascontiguousarray(bgr[low[1] : high[1], low[0] : high[0]])
+    z = depth[low[1] : high[1], low[0] : high[0]].astype(float)
+    v, u = np.nonzero(z >= options.min_depth_m)
+    z = z[v, u]
+    pixels = np.column_stack([u + low[0], v + low[1]]).astype(float)
+    offset = np.column_stack([(pixels - K[:2, 2]) / K[[0, 1], [0, 1]] * z[:, None], z]) - tip
+    along = offset @ direction
+    beside = offset - along[:, None] * direction
+    keep = (along > -options.below_m) & (along < options.above_m)
+    keep &= np.linalg.norm(beside, axis=1) < options.beside_m
+    lab = cv2.cvtColor(patch, cv2.COLOR_BGR2LAB)[v[keep], u[keep]].astype(float)
+    distance = np.linalg.norm(pixels[keep] - centre, axis=1)
+    return _Surface(lab=lab, along=along[keep], beside=beside[keep], pixel=distance, px_per_m=px_per_m)
 
 
 def reference_colour(
-    image: RgbdImage, pixel: Array, depth_m: float, options: BranchPointOptions | None = None
+    image: RgbdImage, tip: Array, direction: Array, options: BranchPointOptions | None = None
 ) -> Array | None:
-    """(3,) L, a, b of the surface at the predicted depth that lies nearest to the predicted pixel; None if none does.
+    """(3,) L, a, b of the surface on the predicted axis that lies nearest to the predicted tip; None if none does.
 
     Taken once, in the first frame; the later frames are compared with it.
 
     Args:
         image: registered colour and depth.
-        pixel: (2,) px, the predicted tip.
-        depth_m: its predicted depth.
+        tip: (3,) m, predicted, in the optical frame.
+        direction: (3,) unit vector from the spur's base to its tip, in the optical frame.
 
     Raises:
-        InvalidInput: an image of another shape or type, or a prediction that is not finite.
+        InvalidInput: an image of another shape or type, or a prediction that is not finite or behind the camera.
     """
     options = options or BranchPointOptions()
-    window = _window(image, pixel, depth_m, options)
-    if window is None or not window.gate.any():
+    surface = _surface(image, tip, direction, options)
+    if surface is None or len(surface.along) < 10:
         return None
-    inner = cv2.erode(window.gate.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0  # rims mix with the background
-    v, u = np.nonzero(inner if inner.sum() >= 10 else window.gate)
-    distance = np.hypot(u + window.origin[0] - pixel[0], v + window.origin[1] - pixel[1])
-    nearest = np.argsort(distance, kind="stable")[:60]
-    return frozen_array(np.median(window.lab[v[nearest], u[nearest]], axis=0).astype(float))
+    nearest = np.argsort(np.linalg.norm(surface.beside, axis=1) + 0.5 * np.abs(surface.along), kind="stable")[:60]
+    return frozen_array(np.median(surface.lab[nearest], axis=0))
 
 
 def branch_point(
-    image: RgbdImage, pixel: Array, depth_m: float, reference: Array, options: BranchPointOptions | None = None
+    image: RgbdImage, tip: Array, direction: Array, reference: Array, options: BranchPointOptions | None = None
 ) -> BranchPoint:
-    """Finds the spur's tip near its predicted place: similar colour, depth gate, nearest component, its top rows.
+    """Finds the spur's tip near its predicted place: similar colour, beside the axis, the end of the bar.
 
     Args:
-        image: registered colour and depth; the image's up is the spur's up (row 0 on top).
-        pixel: (2,) px, where kinematics predict the tip.
-        depth_m: predicted depth along z.
+        image: registered colour and depth.
+        tip: (3,) m, where kinematics predict the tip, in the optical frame.
+        direction: (3,) unit vector from the spur's base to its tip, in the optical frame.
         reference: (3,) L, a, b from `reference_colour`.
         options: see `BranchPointOptions`.
 
@@ -137,46 +144,43 @@ def branch_point(
     """
     options = options or BranchPointOptions()
     reference = as_vector(reference, 3, "reference colour")
-    window = _window(image, pixel, depth_m, options)
-    if window is None:
+    surface = _surface(image, tip, direction, options)
+    if surface is None:
         return BranchPoint(pixel=None, depth_m=None, reason="the predicted point is outside the image")
-    if not window.gate.any():
-        return BranchPoint(pixel=None, depth_m=None, reason="nothing at the predicted depth")
-    similar = (np.abs(window.lab - reference) < np.array(options.colour)).all(axis=2) & window.gate
-    mask = cv2.morphologyEx(similar.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    count, labels = cv2.connectedComponents(_bridged(mask, window, options))
-    components = [(labels == k) & (mask > 0) for k in range(1, count)]
-    least = options.min_area_m2 * window.px_per_m**2
-    found = [_tip(component, window, options) for component in components if component.sum() >= least]
-    if not found:
-        return BranchPoint(pixel=None, depth_m=None, reason="nothing of similar colour at the predicted depth")
-    best = min(found, key=lambda p: float(np.linalg.norm(p.pixel - pixel)))
-    jump = float(np.linalg.norm(best.pixel - pixel)) / window.px_per_m
+    least = max(5, round(options.min_area_m2 * surface.px_per_m**2))
+    if len(surface.along) < least:
+        return BranchPoint(pixel=None, depth_m=None, reason="nothing at the predicted place")
+    similar = (np.abs(surface.lab - reference) < np.array(options.colour)).all(axis=1)
+    along, beside = surface.along[similar], surface.beside[similar]
+    if len(along) < least:
+        return BranchPoint(pixel=None, depth_m=None, reason="nothing of similar colour at the predicted place")
+    middle = _middle(beside, options.radius_m)
+    bar = np.sort(along[np.linalg.norm(beside - middle, axis=1) < options.radius_m])
+    bar = _longest_run(bar, options.bridge_m)
+    if len(bar) < least:
+        return BranchPoint(pixel=None, depth_m=None, reason="no bar beside the predicted axis")
+    found = np.asarray(tip, float) + middle + bar[-3:].mean() * np.asarray(direction, float)
+    jump = float(np.linalg.norm(found - tip))
     if jump > options.max_jump_m:
         return BranchPoint(pixel=None, depth_m=None, reason=f"the nearest tip is {jump * 1000:.0f} mm off")
-    return best
+    K = np.asarray(image.info.K, float)
+    pixel = found[:2] / found[2] * K[[0, 1], [0, 1]] + K[:2, 2]
+    return BranchPoint(pixel=frozen_array(pixel), depth_m=float(found[2]), reason="", area_px=len(bar))
 
 
-def _bridged(mask: Array, window: _Window, options: BranchPointOptions) -> Array:
-    """The mask with its gaps closed where something narrow may hide what lies behind."""
-    size = 2 * round(options.bridge_m * window.px_per_m / 2) + 1
-    border = cv2.copyMakeBorder(mask, size, size, size, size, cv2.BORDER_CONSTANT)
-    closed = cv2.morphologyEx(border, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size)))
-    inner = closed[size:-size, size:-size]
-    return np.where(window.hidden, inner, mask).astype(np.uint8)
+def _middle(beside: Array, radius: float) -> Array:
+    """(3,) m off the axis where most of the surface lies, found from the axis outwards by mean shift."""
+    middle = np.zeros(3)
+    for reach in (2.5 * radius, 1.5 * radius, 1.5 * radius, radius):
+        distance = np.linalg.norm(beside - middle, axis=1)
+        near = distance < max(reach, float(distance.min()) + 0.5 * radius)
+        middle = np.asarray(beside[near].mean(axis=0))
+    return middle
 
 
-def _tip(component: Array, window: _Window, options: BranchPointOptions) -> BranchPoint:
-    v, u = np.nonzero(component)
-    rows = max(3, round(options.top_m * window.px_per_m))
-    top = v < v.min() + rows
-    z = window.depth[v[top], u[top]]
-    z = z[z > 0]
-    centre, _ = cv2.minEnclosingCircle(np.column_stack([u, v]).astype(np.float32))
-    return BranchPoint(
-        pixel=frozen_array(np.array([u[top].mean(), v.min()]) + window.origin),
-        depth_m=float(np.median(z)) if len(z) > 3 else None,
-        reason="",
-        circle_px=frozen_array(np.array(centre) + window.origin),
-        area_px=int(component.sum()),
-    )
+def _longest_run(places: Array, gap: float) -> Array:
+    """The longest stretch of sorted places (n,) without a gap."""
+    if not len(places):
+        return places
+    runs = np.split(places, np.flatnonzero(np.diff(places) > gap) + 1)
+    return max(runs, key=lambda run: float(run[-1] - run[0]))
