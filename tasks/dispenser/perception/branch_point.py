@@ -50,7 +50,7 @@ class BranchPointOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class BranchPoint:
-    """The tip in the image, or why it is not seen: pixel (2,) px and depth_m are None then; area_px: pixels that count."""
+    """The tip in the image, pixel (2,) px and depth_m, or the reason why it is not seen; area_px: pixels that count."""
 
     pixel: Array | None
     depth_m: float | None
