@@ -129,10 +129,15 @@ def _checks(row: str, name: str) -> Experiment:
 
 
 G12 = _deployments(
-    "G12", "100 dispensers on nails, in missions of four.", NAILS, range(500, 525), rate=">= 0.97", cycle="<= 75"
+    "G12-hanging",
+    "100 dispensers on nails, in missions of four.",
+    NAILS,
+    range(500, 525),
+    rate=">= 0.97",
+    cycle="<= 75",
 )
 G13 = _deployments(
-    "G13", "200 dispensers on vines, servoed by camera.", VINES, range(500, 550), rate=">= 0.90", cycle="<= 100"
+    "G13-hanging", "200 dispensers on vines, servoed by camera.", VINES, range(500, 550), rate=">= 0.90", cycle="<= 100"
 )
 G14 = _deployments("G14", "200 dispensers on vines by the scan alone.", OPEN_LOOP, range(500, 550))
 G9, G11, G15 = _checks("G9", "feeder"), _checks("G11", "grasp"), _checks("G15", "deployment")

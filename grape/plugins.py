@@ -32,8 +32,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         EXPERIMENTS: {
             "G9": "grape.experiments.deployments:G9",
             "G11": "grape.experiments.deployments:G11",
-            "G12": "grape.experiments.deployments:G12",
-            "G13": "grape.experiments.deployments:G13",
+            "G12-hanging": "grape.experiments.deployments:G12",
+            "G13-hanging": "grape.experiments.deployments:G13",
             "G14": "grape.experiments.deployments:G14",
             "G15": "grape.experiments.deployments:G15",
         },

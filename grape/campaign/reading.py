@@ -172,12 +172,9 @@ def _nearest(pictures: Sequence[Mapping[str, Any]], time_s: float) -> str:
 
 
 def _checks(said: Sequence[Mapping[str, Any]], witnessed: Sequence[Mapping[str, Any]]) -> tuple[Check, ...]:
-    """Each look of the robot with what the referee noted at it; both are in the order of time."""
-    if len(said) != len(witnessed):  # a run from before the referee noted looks
-        return ()
-    pairs = zip(said, witnessed, strict=True)
+    """Each look of the robot at which the referee noted what was so, found by name and time."""
+    noted = {(truth["check"], round(truth["time_s"], 3)): truth["true"] for truth in witnessed}
+    pairs = [(event, noted.get((event["check"], round(event["t"], 3)))) for event in said]
     return tuple(
-        Check(name=event["check"], said=bool(event["value"]), true=bool(truth["true"]))
-        for event, truth in pairs
-        if truth["true"] is not None
+        Check(name=event["check"], said=bool(event["value"]), true=true) for event, true in pairs if true is not None
     )

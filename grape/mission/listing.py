@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from rich.console import Console
@@ -32,11 +33,9 @@ def print_catalog(console: Console | None = None) -> None:
         console.print(f"[red]error:[/] {escape(text)}")
 
 
-def _natural(name: str) -> tuple[str, int, str]:
+def _natural(name: str) -> tuple[str | int, ...]:
     """G8 before G10."""
-    letters = name.rstrip("0123456789")
-    digits = name[len(letters) :]
-    return letters, int(digits or 0), name
+    return tuple(int(part) if part.isdigit() else part for part in re.split(r"(\d+)", name))
 
 
 def _nodes(task: str) -> Table:

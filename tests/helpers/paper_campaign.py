@@ -51,7 +51,7 @@ def write_run(
             if of == plant
         ]
         events.append({"t": t + 40, "kind": "plant_finished", "plant": plant})
-    events += [{"t": 90.0, "kind": "check", "check": name, "value": said} for name, said, _ in checks]
+    events += [{"t": 90.0 + k, "kind": "check", "check": check[0], "value": check[1]} for k, check in enumerate(checks)]
     (job.folder / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
     result = {
         "mission": "dispenser_deployment",
@@ -70,7 +70,7 @@ def write_run(
             "fence_crossings": 0,
             "max_plant_force_n": 1.0 + job.seed,
             "plants": {plant: {"hanging": plant in hanging} for plant, _ in PLANTS},
-            "checks": [{"check": name, "true": true} for name, _, true in checks],
+            "checks": [{"time_s": 90.0 + k, "check": check[0], "true": check[2]} for k, check in enumerate(checks)],
         },
         "localization": {"position_rmse_m": 0.01, "yaw_rmse_deg": 0.1, "max_error_m": 0.02},
     }

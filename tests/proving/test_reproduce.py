@@ -123,7 +123,7 @@ def test_rows_are_listed_in_the_order_of_their_numbers(command: Command) -> None
 
     from grape.mission.listing import _natural, print_catalog
 
-    assert sorted(["G10", "A2", "G8"], key=_natural) == ["A2", "G8", "G10"]
+    assert sorted(["G10", "A2", "G10-x", "G8", "speed"], key=_natural) == ["A2", "G8", "G10", "G10-x", "speed"]
     console = Console(record=True, width=200)
     print_catalog(console)
     text = console.export_text()
