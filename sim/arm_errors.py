@@ -1,6 +1,6 @@
-"""What a real arm does worse than its model: joint zeros that are off, gears with play, joints that trail and overrun.
+"""What a real arm does worse than its model: zeros of joints are off, gears have play, joints trail and overrun.
 
-The hand of the real arm ended 0 to 5 cm beside where its joint angles say (facts sheet, section 2: reference behaviour).
+Open loop, the hand of the real arm ended 0 to 5 cm off. Source: facts sheet, section 2, reference behaviour.
 """
 
 from __future__ import annotations
