@@ -6,9 +6,10 @@ from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.hand_path import follow_hand_path, straight
+from grape.actions.hand_path import JOINT_OFFSETS, follow_hand_path, straight
 from grape.actions.servoing import camera_mount, servo_on_markers
 from grape.control.ibvs import MarkerServo, MarkerServoOptions
+from grape.control.joint_offsets import joint_offsets
 from grape.geometry import inverse
 from grape.messages import Array
 from grape.perception.markers import MarkerDetector
@@ -60,4 +61,6 @@ def servo_to_feeder(goal: ServoToFeederGoal, ctx: Context) -> Generator[Feedback
             ctx, arm, servo, desired, MarkerDetector(robot.description.feeder.marker_dictionary), feeder.marker_side_m,
             name="ServoToFeeder", status="servoing to feeder", timeout_s=goal.timeout_s,
         )  # fmt: skip
+    T_arm_base_hand = robot.in_arm_base(hand_at_feeder(robot, goal.level, 0.0))
+    ctx.world.committed[JOINT_OFFSETS] = joint_offsets(robot.arm, ctx.world.joints(), T_arm_base_hand)
     return NoResult()
