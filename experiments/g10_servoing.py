@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from grape.actions.move_arm import find_postures, move_to_pose
 from grape.actions.robot import Robot
 from grape.experiments.arm_bench import ArmBench, Parking
 from grape.experiments.servo_trials import (
@@ -16,7 +15,8 @@ from grape.experiments.servo_trials import (
     Trial,
     attempt,
     convergence_figures,
-    moved_start,
+    go_to_start,
+    pose_judgement,
     quantile,
     rate,
     run_trials,
@@ -33,7 +33,6 @@ PARKING = Parking(plant="r0n0")
 GLARE_EVERY = 5  # one seed in so many is run again with glare on a marker
 GLARE = 0.5  # of a semi-gloss print: all within 6 degrees of the mirrored sun is blotted out
 TOP = DESCRIPTION.feeder.levels - 1
-DRAWS = 40  # of a start pose, until the arm reaches it
 
 
 def run(seeds: Sequence[int], folder: Path, progress: Progress) -> Proof:
@@ -77,24 +76,14 @@ def _trial(key: Key) -> Trial:
     bench = ArmBench(DESCRIPTION, PARKING, small_world(key.seed, **light), dispensers=level + 1)
     try:
         gripper = DESCRIPTION.gripper
-        with bench.ctx.arm.lease("start") as arm, bench.ctx.gripper.lease("start") as fingers:
-            fingers.send(np.array([gripper.thumb_clear, gripper.closed_angle, gripper.closed_angle]))
-            start = _reachable_start(bench, rng)
-            bench.run(move_to_pose(bench.ctx, arm, (start,), status="to the start", touch_boxes=FEEDER_BOXES))
+        view = hand_at_feeder(bench.robot, TOP, VIEW_M)
+        go_to_start(bench, rng, (view,), gripper.closed_angle, touch_boxes=FEEDER_BOXES)
         servo = servo_to_feeder(ServoToFeederGoal(level=level), bench.ctx)
         nails = bench.robot.hand.T_hand_nails(gripper.closed_angle)[:3, 3]
-        return {"level": level, **attempt(bench, servo, lambda: hand_at_feeder(bench.robot, level, 0.0), nails)}
+        wanted = hand_at_feeder(bench.robot, level, 0.0)
+        return {"level": level, **attempt(bench, servo, lambda: pose_judgement(bench.true_hand(), wanted, nails))}
     finally:
         bench.close()
-
-
-def _reachable_start(bench: ArmBench, rng: np.random.Generator) -> Array:
-    view = hand_at_feeder(bench.robot, TOP, VIEW_M)
-    for _ in range(DRAWS):
-        start = moved_start(rng, view)
-        if find_postures(bench.ctx, (start,), touch_boxes=FEEDER_BOXES):
-            return start
-    return view
 
 
 def _blinding(seed: int, marker: int, level: int) -> dict[str, float]:

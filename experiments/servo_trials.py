@@ -20,6 +20,7 @@ from grape.proof import Figure, Quantity, wilson95
 from grape.sim.worlds import VineyardOptions
 
 START_M, START_RAD = 0.05, np.radians(10.0)  # how far off a run begins, besides what the arm errs
+DRAWS = 40  # of a start pose, until the arm reaches it
 SHOWN = 12  # runs whose error over time is drawn
 Progress = Callable[[float, str], None]
 Trial = dict[str, Any]
@@ -35,7 +36,7 @@ class Key:
 
 def small_world(seed: int, **light: Any) -> VineyardOptions:
     """One short row with a vine on each side of a nail, on level ground."""
-    return VineyardOptions(seed=seed, rows=1, vines_per_row=2, nails_per_row=1, roughness_rms=0.0, **light)
+    return VineyardOptions(seed=seed, rows=1, vines_per_row=2, nails_per_row=1, slope=0.0, roughness_rms=0.0, **light)
 
 
 def moved_start(rng: np.random.Generator, T_base_hand: Array) -> Array:
@@ -48,13 +49,12 @@ def moved_start(rng: np.random.Generator, T_base_hand: Array) -> Array:
     return pose(turn @ T_base_hand[:3, :3], T_base_hand[:3, 3] + shift)
 
 
-def attempt(bench: ArmBench, servo: Any, T_base_wanted: Callable[[], Array], p_hand: Array) -> Trial:
+def attempt(bench: ArmBench, servo: Any, judge: Callable[[], Mapping[str, float]]) -> Trial:
     """One servo action, and where the hand really was before and after.
 
     Args:
         servo: the action's generator.
-        T_base_wanted: the hand pose that is right at the end, known once the action is over.
-        p_hand: (3,) m in the hand, the point whose error counts.
+        judge: tells the true errors once the action is over.
     """
     begin = bench.ctx.clock.now()
     arm_off = pose_error(bench.true_hand(), bench.robot.hand_pose(bench.ctx.world.joints()))
@@ -63,21 +63,48 @@ def attempt(bench: ArmBench, servo: Any, T_base_wanted: Callable[[], Array], p_h
         bench.run(servo)
     except ActionFailed as failed:
         trial |= {"reason": str(failed.reason), "detail": failed.detail}
-    T, T_wanted = bench.true_hand(), T_base_wanted()
-    error = pose_error(T, T_wanted)
-    point = error[:3] + (T[:3, :3] - T_wanted[:3, :3]) @ p_hand
     ends = bench.log.of("servo")
     return trial | {
         "converged": not trial["reason"],
-        "hand_mm": 1e3 * float(np.linalg.norm(error[:3])),
-        "hand_deg": float(np.degrees(np.linalg.norm(error[3:]))),
-        "point_mm": 1e3 * float(np.linalg.norm(point)),
+        **judge(),
         "error_px": ends[-1]["error_px"] if ends else None,
         "runs": len(ends),
         "duration_s": bench.ctx.clock.now() - begin,
         "collisions": [[c.a, c.b, round(c.force_n, 1)] for c in bench.simulation.referee.collisions],
         "events": [{"kind": kind, **fields} for kind, fields in bench.log.events if kind.startswith("servo")],
     }
+
+
+def pose_judgement(T: Array, T_wanted: Array, p_hand: Array) -> Mapping[str, float]:
+    """How far a hand pose (4, 4) is from the right one: its origin, its orientation, and its point `p_hand` (3,) m."""
+    error = pose_error(T, T_wanted)
+    point = error[:3] + (T[:3, :3] - T_wanted[:3, :3]) @ p_hand
+    return {
+        "hand_mm": 1e3 * float(np.linalg.norm(error[:3])),
+        "hand_deg": float(np.degrees(np.linalg.norm(error[3:]))),
+        "point_mm": 1e3 * float(np.linalg.norm(point)),
+    }
+
+
+def go_to_start(bench: ArmBench, rng: np.random.Generator, line: Sequence[Array], fingers: float, **touch: Any) -> None:
+    """Moves the hand beside the first pose of a line, at random; to that pose itself when nothing else is reached.
+
+    Args:
+        line: hand poses (4, 4) in base_link, as `move_to_pose` takes them.
+        fingers: rad, the angle of fingers 2 and 3 meanwhile.
+        touch: what `move_to_pose` may touch on the rest of the line.
+    """
+    from grape.actions.move_arm import find_postures, move_to_pose
+
+    with bench.ctx.arm.lease("start") as arm, bench.ctx.gripper.lease("start") as gripper:
+        gripper.send(np.array([bench.robot.description.gripper.thumb_clear, fingers, fingers]))
+        for _ in range(DRAWS):
+            start = moved_start(rng, line[0])
+            if find_postures(bench.ctx, (start, *line[1:]), **{"boxes": (), **touch}):
+                break
+        else:
+            start = line[0]
+        bench.run(move_to_pose(bench.ctx, arm, (start, *line[1:]), status="to the start", **touch))
 
 
 def run_trials(
