@@ -249,14 +249,14 @@ def with_retries(
     ctx: Context,
     tries: int,
     attempt: Callable[[], Generator[Feedback, None, R]],
-    back: Callable[[bool], Generator[Feedback, None, None]],
+    back: Callable[[], Generator[Feedback, None, None]],
 ) -> Generator[Feedback, None, R]:
     """Servo again from the staging pose when a run failed for a reason that another look may cure.
 
     Args:
         tries: how often in all.
         attempt: makes one run, with a controller of its own.
-        back: leaves where a run failed; gets whether another run follows.
+        back: goes from where a run failed back to the staging pose; after the last run too.
 
     Raises:
         ActionFailed: why the last run failed.
@@ -265,9 +265,8 @@ def with_retries(
         try:
             return (yield from attempt())
         except ActionFailed as failed:
-            again = left > 0 and failed.reason in TRY_AGAIN
-            yield from back(again)
-            if not again:
+            yield from back()
+            if left == 0 or failed.reason not in TRY_AGAIN:
                 raise
             ctx.log.event("servo_again", reason=str(failed.reason), detail=failed.detail, left=left)
     raise InvalidInput(f"tries must be at least 1, got {tries}")

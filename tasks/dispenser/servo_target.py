@@ -10,7 +10,7 @@ from grape.actions.core import Context, Feedback
 from grape.actions.servoing import go_straight, hand_shift, leave, with_retries
 from grape.drivers import ArmDriver
 from grape.messages import Array
-from grape.tasks.dispenser.targets import AIM_DEPTH_M, HangTarget
+from grape.tasks.dispenser.targets import HangTarget
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,10 +48,12 @@ def servo_to_target(
     target = goal.target
     T_staging = ctx.robot.hand_pose(ctx.world.joints())
 
-    def back(again: bool) -> Generator[Feedback, None, None]:
-        yield from leave(ctx, arm, target.approach, goal.stand_off_m + AIM_DEPTH_M)
-        if again:
-            yield from go_straight(ctx, arm, T_staging, status="back before the target")
+    def back() -> Generator[Feedback, None, None]:
+        here = ctx.robot.hand_pose(ctx.world.joints())[:3, 3]
+        inside = float((T_staging[:3, 3] - here) @ target.approach)
+        if inside > 0.0:
+            yield from leave(ctx, arm, target.approach, inside)
+        yield from go_straight(ctx, arm, T_staging, status="back before the target")
 
     yield from with_retries(ctx, goal.tries, attempt, back)
     shift = hand_shift(ctx.robot.hand_pose(ctx.world.joints()), target.hand_pose(T_hand_nails))

@@ -69,7 +69,7 @@ def servo_to_feeder(goal: ServoToFeederGoal, ctx: Context) -> Generator[Feedback
                 )
             )  # fmt: skip
 
-        def back(again: bool) -> Generator[Feedback, None, None]:
+        def back() -> Generator[Feedback, None, None]:
             yield from go_straight(ctx, arm, T_staging, status="back above the feeder")
 
         yield from with_retries(ctx, goal.tries, attempt, back)
