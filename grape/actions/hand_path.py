@@ -71,13 +71,12 @@ def follow_hand_path(
     status: str,
     gripper: GripperDriver | None = None,
     fingers_at: Callable[[float], Array] | None = None,
-    settle: bool = True,
     options: HandPathOptions | None = None,
 ) -> Generator[Feedback, None, Array]:
     """Moves the hand along `pose_at(t)` (`T_base_hand`, t from 0 to duration_s) and the fingers along `fingers_at(t)`.
 
     Differential inverse kinematics with feed-forward at 100 Hz. Where the joints cannot keep up, the path's time runs
-    slower, for hand and fingers alike. With `settle` it waits for the hand to come to rest.
+    slower, for hand and fingers alike. At the end it waits for the hand to come to rest.
 
     Returns:
         (6,) the last pose error, m and rad.
@@ -107,7 +106,7 @@ def follow_hand_path(
         arm.send(command.velocity)
         if gripper is not None and fingers_at is not None:
             gripper.send(fingers_at(min(t + BEAT_S, duration_s)))
-        if t >= duration_s and now - arrived >= (options.settle_s if settle else 0.0):
+        if t >= duration_s and now - arrived >= options.settle_s:
             return error
         yield Feedback(status=status, progress=t / duration_s if duration_s > 0 else 1.0)
 

@@ -55,6 +55,7 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
         self._noise = FrameNoise(seed, "camera")
         self._renderer: Renderer | None = None
         self._banks: tuple[NoiseBank, NoiseBank] | None = None
+        self._markers: list[int] = []  # geoms that may mirror the sun
         fovy = np.radians(physics.model.cam_fovy[physics.identify("camera", options.camera)])
         focal = 0.5 * options.height / np.tan(0.5 * fovy)
         centre = (0.5 * (options.width - 1), 0.5 * (options.height - 1))
@@ -87,13 +88,14 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
         if self._renderer is None or self._replica is None:
             self._replica = Replica(self._seen())
             self._renderer = Renderer(self._replica.model, options.width, options.height, reach_m=options.reach_m)
+            self._markers = _marker_geoms(self._replica.model) if options.gloss_rad > 0.0 else []
         if self._banks is None:
             rng = self._noise.constant()
             gray = NoiseBank(rng, options.height, options.width, 3).scaled(errors.noise)
             self._banks = gray, NoiseBank(rng, options.height, options.width, 1)
         data = self._replica.show(qpos)
         rgb, depth = self._renderer.color_and_depth(data, options.camera)
-        saturated = self._mirrored_sun(self._replica.model, data, depth) if options.gloss_rad > 0.0 else None
+        saturated = self._mirrored_sun(self._replica.model, data, depth)
         rng = self._noise.frame(index)
         return RgbdImage(
             stamp=stamp,
@@ -109,7 +111,7 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
         R_camera_map = (data.cam_xmat[camera].reshape(3, 3) * [1.0, -1.0, -1.0]).T  # optical axes: y down, z forward
         towards_sun = -data.light_xdir[0]
         found = []
-        for geom in self._markers(model):
+        for geom in self._markers:
             R_map_plate = data.geom_xmat[geom].reshape(3, 3)
             face = data.geom_xpos[geom] + model.geom_size[geom][2] * R_map_plate[:, 2]
             T = np.eye(4)
@@ -123,11 +125,11 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
                 found.append(pixels)
         return np.concatenate(found) if found else None
 
-    @staticmethod
-    def _markers(model: mujoco.MjModel) -> list[int]:
-        """Indices of the geoms that are markers, by their names."""
-        names = (model.geom(k).name for k in range(model.ngeom))
-        return [k for k, name in enumerate(names) if name.rpartition("/")[2].startswith("marker")]
+
+def _marker_geoms(model: mujoco.MjModel) -> list[int]:
+    """Indices of the geoms that are markers, by their names."""
+    names = (model.geom(k).name for k in range(model.ngeom))
+    return [k for k, name in enumerate(names) if name.rpartition("/")[2].startswith("marker")]
 
 
 def _shaded(model: mujoco.MjModel, data: mujoco.MjData, point: Array, towards_sun: Array) -> bool:
