@@ -28,7 +28,7 @@ R = TypeVar("R")
 CAMERA = "camera_optical"
 FRAME_AGE_MAX_S = 0.25  # an older frame is not servoed on: kinematics would have to carry the features on for too long
 HALTED_S = 1.0  # a run that an obstacle or a singularity holds for so long is given up
-IK = DifferentialIkOptions(clearance_slow_m=0.02, clearance_stop_m=0.0)  # the clearance has a padding of its own
+IK = DifferentialIkOptions(clearance_slow_m=0.01, clearance_stop_m=0.0)  # the clearance has a padding of its own
 TRY_AGAIN = (Reason.FEATURE_LOST, Reason.NOT_CONVERGED, Reason.DISTANCE_GROWS, Reason.IN_COLLISION, Reason.UNREACHABLE)
 Clearance = Callable[[Array], float]  # gap (m) to the nearest obstacle at joint angles (n,) rad
 
