@@ -10,12 +10,7 @@ import numpy as np
 
 from grape.actions.core import Context, Feedback, Status
 from grape.actions.hand_path import follow_hand_path, straight
-from grape.control.differential_ik import (
-    DifferentialIk,
-    DifferentialIkOptions,
-    JointVelocityCommand,
-    shift_twist,
-)
+from grape.control.differential_ik import DifferentialIk, DifferentialIkOptions, JointVelocityCommand, shift_twist
 from grape.control.ibvs import MarkerServo
 from grape.control.point_servo import PointServo
 from grape.drivers import ArmDriver
@@ -145,14 +140,7 @@ class _Loop:
     """The beat that both kinds of servoing share."""
 
     def __init__(
-        self,
-        ctx: Context,
-        arm: ArmDriver,
-        *,
-        name: str,
-        status: str,
-        timeout_s: float,
-        clearance: Clearance | None,
+        self, ctx: Context, arm: ArmDriver, *, name: str, status: str, timeout_s: float, clearance: Clearance | None
     ) -> None:
         self._ctx, self._arm = ctx, arm
         self._name, self._status, self._timeout_s = name, status, timeout_s
