@@ -218,12 +218,12 @@ class Referee:
             "localization": self._errors.summary(),
         }
 
-    def true_pose(self) -> Array:
-        """`T_map_base` (4, 4) as it really is."""
-        data = self._physics.data
+    def true_pose(self, body: str = BASE_BODY) -> Array:
+        """`T_map_body` (4, 4) of a body of the model as it really is; by default the robot's base."""
+        data, index = self._physics.data, self._base if body == BASE_BODY else self._physics.identify("body", body)
         T = np.eye(4)
-        T[:3, :3] = data.xmat[self._base].reshape(3, 3)
-        T[:3, 3] = data.xpos[self._base]
+        T[:3, :3] = data.xmat[index].reshape(3, 3)
+        T[:3, 3] = data.xpos[index]
         return T
 
     def _compare(self, T_map_base: Array, estimate: Odometry | None) -> float | None:

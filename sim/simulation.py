@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import mujoco
 import numpy as np
@@ -51,6 +51,7 @@ class Simulation:
         self.robot = robot
         self._physics = Physics(compose(world, robot, self.options.dispensers))
         self._place()
+        sensors = self.options.sensors
         self._drivers = connect(
             self._physics,
             robot,
@@ -58,7 +59,7 @@ class Simulation:
             Raycaster(world).cast,
             lambda: compose_seen(world, robot, self.options.dispensers),
             seed,
-            self.options.sensors,
+            replace(sensors, camera=replace(sensors.camera, gloss_rad=world.sun.gloss_rad)),
         )
         self._settle()
         self._drivers.sample(0)

@@ -15,6 +15,8 @@ from grape.geometry import interpolate, pose_error
 from grape.messages import Array
 
 BEAT_S = 0.01
+SLOWEST = 4.0  # times its duration a path may take
+JOINT_OFFSETS = "joint_offsets"  # in world.committed: (n,) rad by which the encoders tell too much, where one looked
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,12 +27,14 @@ class HandPathOptions:
         gain: 1/s on the pose error.
         tolerance_m, tolerance_rad: largest error on the way before the motion is given up.
         settle_s: time to come to rest at the end.
+        calibrated: the path is meant for `calibrated_joints`.
     """
 
     gain: float = 4.0
     tolerance_m: float = 0.04
     tolerance_rad: float = 0.25
     settle_s: float = 0.2
+    calibrated: bool = False
 
 
 def smooth_step(s: float) -> float:
@@ -48,6 +52,16 @@ def straight(T_start: Array, T_end: Array, duration_s: float) -> Callable[[float
     return pose_at
 
 
+def calibrated_joints(ctx: Context) -> Array:
+    """Joint angles (n,) rad, less what the encoders were found to tell too much.
+
+    They are for short motions from a place where servoing has put the hand. Motions from afar are planned with what
+    the encoders tell: only what a camera sees is known to be where it is.
+    """
+    offsets: Array | None = ctx.world.committed.get(JOINT_OFFSETS)
+    return ctx.world.joints() if offsets is None else ctx.world.joints() - offsets
+
+
 def follow_hand_path(
     ctx: Context,
     arm: ArmDriver,
@@ -57,33 +71,42 @@ def follow_hand_path(
     status: str,
     gripper: GripperDriver | None = None,
     fingers_at: Callable[[float], Array] | None = None,
-    settle: bool = True,
     options: HandPathOptions | None = None,
 ) -> Generator[Feedback, None, Array]:
     """Moves the hand along `pose_at(t)` (`T_base_hand`, t from 0 to duration_s) and the fingers along `fingers_at(t)`.
 
-    Differential inverse kinematics with feed-forward at 100 Hz. With `settle` it waits for the hand to come to rest.
+    Differential inverse kinematics with feed-forward at 100 Hz. Where the joints cannot keep up, the path's time runs
+    slower, for hand and fingers alike. At the end it waits for the hand to come to rest.
 
     Returns:
         (6,) the last pose error, m and rad.
 
     Raises:
-        ActionFailed: TRACKING_ERROR when the hand falls behind by more than the tolerance.
+        ActionFailed: TRACKING_ERROR when the hand falls behind by more than the tolerance, or cannot go on.
     """
     options = options or HandPathOptions()
     solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.velocity_max)
-    start = ctx.clock.now()
+    begin = last = ctx.clock.now()
+    t, scale, arrived = 0.0, 1.0, begin  # time along the path, its present share of the clock's, when it was at its end
     while True:
-        t = min(ctx.clock.now() - start, duration_s)
-        q = ctx.world.joints()
+        now = ctx.clock.now()
+        t = min(t + scale * (now - last), duration_s)
+        arrived = now if t < duration_s else arrived
+        last = now
+        q = calibrated_joints(ctx) if options.calibrated else ctx.world.joints()
         T_now, T_next = pose_at(t), pose_at(min(t + BEAT_S, duration_s))
         error = pose_error(T_now, ctx.robot.hand_pose(q))
         _check_tracking(error, options, status)
-        feed_forward = pose_error(T_next, T_now) / BEAT_S
-        arm.send(solver.solve(q, feed_forward + options.gain * error).velocity)
+        if t < duration_s and now - begin > SLOWEST * duration_s:
+            raise ActionFailed(
+                Reason.TRACKING_ERROR, f"{status}: only {t:.1f} of {duration_s:.1f} s of the path were possible"
+            )
+        command = solver.solve(q, pose_error(T_next, T_now) / BEAT_S + options.gain * error)
+        scale = command.scale
+        arm.send(command.velocity)
         if gripper is not None and fingers_at is not None:
             gripper.send(fingers_at(min(t + BEAT_S, duration_s)))
-        if ctx.clock.now() - start >= duration_s + (options.settle_s if settle else 0.0):
+        if t >= duration_s and now - arrived >= options.settle_s:
             return error
         yield Feedback(status=status, progress=t / duration_s if duration_s > 0 else 1.0)
 

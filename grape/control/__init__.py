@@ -8,9 +8,10 @@ from grape.control.differential_ik import (
     shift_twist,
 )
 from grape.control.features import marker_corners
-from grape.control.ibvs import MarkerServo, MarkerServoOptions, ServoStage, ServoState
+from grape.control.ibvs import MarkerServo, MarkerServoOptions, ServoState
 from grape.control.linear_motion import LinearMotion, LinearMotionOptions, LinearMotionStep
 from grape.control.point_servo import PointServo, PointServoOptions, PointServoState
+from grape.control.servo_run import ServoStage
 from grape.control.tracking import TrackingCommand, TrackingOptions, TrajectoryTracker
 
 __all__ = [

@@ -22,15 +22,19 @@ class DifferentialIkOptions:
 
     Args:
         damping_sigma: singular value (angular rows times 0.2 m/rad) below which the inverse is damped.
+        sigma_slow: from this singular value down the motion is slowed when it goes nearer to the singularity ...
+        sigma_stop: ... and here it stops; away from the singularity it stays free.
         linear_max: m/s of the hand's origin.
         angular_max: rad/s of the hand.
         limit_margin_rad: a joint nearer to its limit than this does not move towards it.
         clearance_slow_m: from this clearance down the motion is slowed when it goes nearer ...
         clearance_stop_m: ... and here it stops; away from the obstacle it stays free.
-        look_ahead_s: how far ahead the clearance is looked at.
+        look_ahead_s: how far ahead singularity and clearance are looked at.
     """
 
     damping_sigma: float = 0.02
+    sigma_slow: float = 0.015
+    sigma_stop: float = 0.003
     linear_max: float = 0.15
     angular_max: float = 1.0
     limit_margin_rad: float = 0.1
@@ -44,6 +48,8 @@ class DifferentialIkOptions:
                 f"0 <= clearance_stop_m < clearance_slow_m must hold, got {self.clearance_stop_m} and "
                 f"{self.clearance_slow_m}"
             )
+        if not 0.0 <= self.sigma_stop < self.sigma_slow:
+            raise InvalidInput(f"0 <= sigma_stop < sigma_slow must hold, got {self.sigma_stop} and {self.sigma_slow}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +58,8 @@ class JointVelocityCommand:
 
     Attributes:
         velocity: (n,) rad/s.
-        scale: 0..1, the share of the wished speed that limits and obstacles left.
+        scale: 0..1, the share of the wished speed that limits, singularities and obstacles left.
+        hindrance: what left nothing or little of it: "singularity", "obstacle" or, where neither did, an empty string.
         sigma_min: smallest singular value of the Jacobian, angular rows times 0.2 m/rad.
         held_joints: joints kept from moving into their limits.
     """
@@ -61,6 +68,7 @@ class JointVelocityCommand:
     scale: float
     sigma_min: float
     held_joints: tuple[int, ...] = ()
+    hindrance: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,12 +125,13 @@ class DifferentialIk:
             held |= self._into_limits(np.asarray(q, float), velocity)
             velocity[held] = 0.0
         excess = 1.0 if self.velocity_max is None else max(1.0, float((np.abs(velocity) / self.velocity_max).max()))
-        share = self._free_share(np.asarray(q, float), velocity / excess)
+        share, hindrance = self._free_share(np.asarray(q, float), velocity / excess, sigma)
         return JointVelocityCommand(
             velocity=velocity * share / excess,
             scale=scale * share / excess,
             sigma_min=sigma,
             held_joints=tuple(int(i) for i in np.flatnonzero(held)),
+            hindrance=hindrance,
         )
 
     def _capped(self, twist: Array) -> tuple[Array, float]:
@@ -139,16 +148,22 @@ class DifferentialIk:
         high = (q > self.arm.position_max - margin) & (velocity > 0)
         return low | high
 
-    def _free_share(self, q: Array, velocity: Array) -> float:
-        """0..1: how much of the speed the clearance allows."""
-        if self.clearance is None or not velocity.any():
-            return 1.0
-        options = self.options
-        ahead = self.clearance(q + options.look_ahead_s * velocity)
-        if ahead >= options.clearance_slow_m or ahead > self.clearance(q) + 1e-6:
-            return 1.0
-        band = options.clearance_slow_m - options.clearance_stop_m
-        return float(np.clip((ahead - options.clearance_stop_m) / band, 0.0, 1.0))
+    def _free_share(self, q: Array, velocity: Array, sigma: float) -> tuple[float, str]:
+        """0..1: how much of the speed singularity and clearance allow, and which of them allows less than all."""
+        if not velocity.any():
+            return 1.0, ""
+        options, q_ahead = self.options, q + self.options.look_ahead_s * velocity
+        shares = {"singularity": 1.0, "obstacle": 1.0}
+        if sigma < options.sigma_slow and (ahead := self.arm.sigma_min(q_ahead)) < sigma:
+            shares["singularity"] = (ahead - options.sigma_stop) / (options.sigma_slow - options.sigma_stop)
+        if self.clearance is not None:
+            gap = self.clearance(q_ahead)
+            if gap < options.clearance_slow_m and gap <= self.clearance(q) + 1e-6:
+                band = options.clearance_slow_m - options.clearance_stop_m
+                shares["obstacle"] = (gap - options.clearance_stop_m) / band
+        hindrance = min(shares, key=lambda name: shares[name])
+        share = float(np.clip(shares[hindrance], 0.0, 1.0))
+        return share, hindrance if share < 1.0 else ""
 
 
 def damped_inverse(J: Array, twist: Array, damping_sigma: float) -> tuple[Array, float]:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from enum import StrEnum
 
 import numpy as np
 
@@ -20,20 +19,12 @@ from grape.control.features import (
     square_depths,
     view_velocity,
 )
-from grape.errors import ActionFailed, InvalidInput, Reason
+from grape.control.servo_run import FeatureWatch, ServoStage, StageGate, descent
+from grape.errors import InvalidInput
 from grape.geometry import inverse, transform
 from grape.messages import Array
 
 DesiredView = Callable[[float], Array]  # stand-off (m) -> T_camera_marker (4, 4) to be seen there
-
-
-class ServoStage(StrEnum):
-    """Where a servo run stands."""
-
-    STAND_OFF = "stand_off"
-    DESCEND = "descend"
-    FINAL = "final"
-    CONVERGED = "converged"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,8 +34,8 @@ class MarkerServoOptions:
     Args:
         standoff_m: distance of the first stage (0.05 at the feeder, 0.08 at the nail).
         standoff_px, standoff_frames: corner error below which, for so many frames, the second stage begins.
-        descend_speed: m/s at which the stand-off shrinks then, while the error is below `descend_px`.
-        descend_px: see above.
+        descend_speed, descend_slow_m: m/s at which the stand-off shrinks then, and where it begins to slow down.
+        descend_px: corner error from which on the stand-off waits.
         stop_px, stop_frames: corner error below which, for so many frames at stand-off 0, it has converged
             (0.5 px with two markers on the nail).
         gain_at_zero, gain_at_infinity, gain_slope: adaptive gain, 1/s.
@@ -58,7 +49,8 @@ class MarkerServoOptions:
     standoff_m: float = 0.05
     standoff_px: float = 2.0
     standoff_frames: int = 4
-    descend_speed: float = 0.03
+    descend_speed: float = 0.05
+    descend_slow_m: float = 0.05
     descend_px: float = 6.0
     stop_px: float = 0.4
     stop_frames: int = 8
@@ -131,8 +123,14 @@ class MarkerServo:
         self._square = marker_corners(marker_side)
         self._corners: dict[int, Array] = {}  # (4, 3) m in the base frame, markers of the last frame that had any
         self._standoffs: list[tuple[float, float]] = []  # (time, stand-off)
-        self._good_frames = 0
-        self._first = self._last_frame = self._last_seen = self._last_twist = float("nan")
+        options = self.options
+        self._watch = FeatureWatch(f"markers {sorted(targets)}", options.fade_from_s, options.fade_to_s, options.lost_s)
+        self._gate = StageGate(
+            standoff_limit=options.standoff_px,
+            standoff_frames=options.standoff_frames,
+            stop_limit=options.stop_px,
+            stop_frames=options.stop_frames,
+        )
         self._command, self._jump, self._jump_time = np.zeros(6), np.zeros(6), -np.inf
         self._markers_changed = True
 
@@ -147,16 +145,13 @@ class MarkerServo:
         Returns:
             The state after it.
         """
-        if stamp <= self._last_frame:
+        if not self._watch.frame(stamp):
             return self.state
-        self._last_frame = stamp
-        if np.isnan(self._first):
-            self._first = stamp
         seen = {i: np.asarray(corners, float) for i, corners in markers.items() if i in self._targets}
         if not seen:
-            self._good_frames = 0
+            self._gate.miss()
             return self.state
-        self._last_seen = stamp
+        self._watch.seen(stamp)
         visible = tuple(sorted(seen))
         self._markers_changed |= visible != tuple(sorted(self._corners))
         before, errors = self._corners, []
@@ -171,8 +166,8 @@ class MarkerServo:
             self._corners[i] = corners
             errors.append(xy - project(transform(self._targets[i](standoff), self._square)))
         error_px = float(np.sqrt((np.concatenate(errors) ** 2).sum(axis=1).mean()) * self._K[0, 0])
-        self.state = replace(self.state, error_px=error_px, visible=visible, frames=self.state.frames + 1)
-        self._next_stage(error_px)
+        stage = self._gate.after(self.state.stage, error_px, self.state.standoff_m)
+        self.state = replace(self.state, stage=stage, error_px=error_px, visible=visible, frames=self.state.frames + 1)
         return self.state
 
     def twist(self, now: float, T_base_camera: Array) -> Array:
@@ -188,11 +183,8 @@ class MarkerServo:
         Raises:
             ActionFailed: FEATURE_LOST when no marker, or STALE_DATA when no frame came for too long.
         """
-        if np.isnan(self._first):
-            self._first = now
-        dt = 0.0 if np.isnan(self._last_twist) else float(np.clip(now - self._last_twist, 0.0, 0.05))
-        self._last_twist = now
-        share = self._visibility(now)
+        dt = self._watch.beat(now)
+        share = self._watch.share(now)
         if share == 0.0 or self.state.converged:
             self._command, self._markers_changed = np.zeros(6), True
             self._remember(now)
@@ -223,50 +215,14 @@ class MarkerServo:
         R = T_base_camera[:3, :3]
         return np.r_[R @ v_camera[:3], R @ v_camera[3:]]
 
-    def _visibility(self, now: float) -> float:
-        """1 while markers are fresh, falling to 0 when they are not.
-
-        Raises:
-            ActionFailed: see `twist`.
-        """
-        options = self.options
-        since_frame = now - (self._first if np.isnan(self._last_frame) else self._last_frame)
-        since_seen = now - (self._first if np.isnan(self._last_seen) else self._last_seen)
-        if since_frame > options.lost_s:
-            raise ActionFailed(Reason.STALE_DATA, f"no camera frame for {since_frame:.1f} s")
-        if since_seen > options.lost_s:
-            raise ActionFailed(
-                Reason.FEATURE_LOST, f"none of the markers {sorted(self._targets)} for {since_seen:.1f} s"
-            )
-        if not self._corners:
-            return 0.0
-        return float(np.clip((options.fade_to_s - since_seen) / (options.fade_to_s - options.fade_from_s), 0.0, 1.0))
-
     def _descend(self, dt: float, share: float) -> float:
         """Shrink the stand-off; returns its speed (m/s)."""
-        standoff = self.state.standoff_m
-        moving = (
-            self.state.stage is ServoStage.DESCEND and self.state.error_px < self.options.descend_px and share == 1.0
-        )
-        if not moving or standoff <= 0.0:
+        options, standoff = self.options, self.state.standoff_m
+        if self.state.stage is not ServoStage.DESCEND or self.state.error_px >= options.descend_px or share < 1.0:
             return 0.0
-        self.state = replace(self.state, standoff_m=max(0.0, standoff - self.options.descend_speed * dt))
-        return self.options.descend_speed
-
-    def _next_stage(self, error_px: float) -> None:
-        """Stage changes, decided at frames."""
-        options, stage = self.options, self.state.stage
-        if stage is ServoStage.DESCEND and self.state.standoff_m <= 0.0:
-            stage, self._good_frames = ServoStage.FINAL, 0
-        if stage in (ServoStage.STAND_OFF, ServoStage.FINAL):
-            first = stage is ServoStage.STAND_OFF
-            limit, frames = (
-                (options.standoff_px, options.standoff_frames) if first else (options.stop_px, options.stop_frames)
-            )
-            self._good_frames = self._good_frames + 1 if error_px < limit else 0
-            if self._good_frames >= frames:
-                stage, self._good_frames = (ServoStage.DESCEND if first else ServoStage.CONVERGED), 0
-        self.state = replace(self.state, stage=stage)
+        speed = descent(standoff, options.descend_speed, options.descend_slow_m)
+        self.state = replace(self.state, standoff_m=max(0.0, standoff - speed * dt))
+        return speed
 
     def _remember(self, now: float) -> None:
         self._standoffs = [*self._standoffs[-99:], (now, self.state.standoff_m)]

@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from grape.control.ibvs import ServoStage
+from grape.control.features import adaptive_gain
+from grape.control.servo_run import FeatureWatch, ServoStage, StageGate, descent
 from grape.errors import ActionFailed, InvalidInput, Reason
 from grape.geometry import inverse, rotation_log, transform
 from grape.messages import Array
@@ -24,11 +25,14 @@ class PointServoOptions:
     Args:
         standoff_m: distance of the first stage.
         standoff_error_m, standoff_frames: error below which, for so many frames, the second stage begins.
-        descend_speed: m/s at which the stand-off shrinks then.
+        descend_speed, descend_slow_m: m/s at which the stand-off shrinks then, and where it begins to slow down.
         stop_error_m, stop_frames: error below which, for so many frames at stand-off 0, it has converged.
-        gain, orientation_gain: 1/s.
+        gain_at_zero, gain_at_infinity, gain_slope: adaptive gain, 1/s, of the distance in m.
+        orientation_gain: 1/s.
         depth_min, depth_max: m, depths outside are no measurement.
         gate_m: a point farther from the prediction than this is not believed.
+        drift_m: and one farther than this from the first that was believed is not either: the point stands still in the
+            base frame, and what does not is part of the hand.
         smoothing: share of a new measurement in the estimate.
         blind_m: from this distance to the target on, kinematics alone may lead.
         grace_m, growth_max_m: after `grace_m` of motion the distance to the target may exceed its smallest value by
@@ -40,13 +44,17 @@ class PointServoOptions:
     standoff_error_m: float = 0.004
     standoff_frames: int = 3
     descend_speed: float = 0.03
+    descend_slow_m: float = 0.02
     stop_error_m: float = 0.002
     stop_frames: int = 5
-    gain: float = 1.2
+    gain_at_zero: float = 1.6
+    gain_at_infinity: float = 0.8
+    gain_slope: float = 20.0
     orientation_gain: float = 2.0
     depth_min: float = 0.20
     depth_max: float = 1.0
     gate_m: float = 0.03
+    drift_m: float = 0.03
     smoothing: float = 0.5
     blind_m: float = 0.06
     grace_m: float = 0.025
@@ -109,8 +117,16 @@ class PointServo:
         self._target, self._K = target, np.asarray(K, float)
         self._point = None if p_base_point is None else np.array(p_base_point, float)
         self._gate = first_gate_m
-        self._good_frames, self._measured_distance = 0, float("inf")
-        self._first = self._last_frame = self._last_seen = self._last_twist = float("nan")
+        self._anchor: Array | None = None
+        self._measured_distance = float("inf")
+        options = self.options
+        self._watch = FeatureWatch("the point", options.fade_from_s, options.fade_to_s, options.lost_s)
+        self._stage_gate = StageGate(
+            standoff_limit=options.standoff_error_m,
+            standoff_frames=options.standoff_frames,
+            stop_limit=options.stop_error_m,
+            stop_frames=options.stop_frames,
+        )
         self._rotation: Array | None = None
         self._origin: Array | None = None
         self._least = float("inf")
@@ -133,15 +149,12 @@ class PointServo:
             depth: m, or None when there is none; without a valid depth the image is not used either.
             T_base_camera: (4, 4) pose of the optical frame at `stamp`, by kinematics.
         """
-        if stamp <= self._last_frame:
+        if not self._watch.frame(stamp):
             return self.state
-        self._last_frame = stamp
-        if np.isnan(self._first):
-            self._first = stamp
         seen = self._measure(pixel, depth, T_base_camera)
         if seen:
-            self._last_seen = stamp
-        if self._point is None or (np.isnan(self._last_seen) and not seen):
+            self._watch.seen(stamp)
+        if self._point is None or not self._watch.ever_seen:
             self.state = replace(self.state, seen=seen)
             return self.state
         p_camera = transform(inverse(T_base_camera), self._point)
@@ -150,9 +163,11 @@ class PointServo:
         error = float(np.linalg.norm(p_camera - self._target(self.state.standoff_m)))
         self.state = replace(self.state, error_m=error, seen=seen, frames=self.state.frames + int(seen))
         if seen or self._may_go_blind():
-            self._next_stage(error)
+            self.state = replace(
+                self.state, stage=self._stage_gate.after(self.state.stage, error, self.state.standoff_m)
+            )
         else:
-            self._good_frames = 0
+            self._stage_gate.miss()
         return self.state
 
     def twist(self, now: float, T_base_camera: Array) -> Array:
@@ -169,21 +184,21 @@ class PointServo:
         Raises:
             ActionFailed: FEATURE_LOST, STALE_DATA or DISTANCE_GROWS.
         """
-        if np.isnan(self._first):
-            self._first = now
         if self._rotation is None:
             self._rotation, self._origin = T_base_camera[:3, :3].copy(), T_base_camera[:3, 3].copy()
-        dt = 0.0 if np.isnan(self._last_twist) else float(np.clip(now - self._last_twist, 0.0, 0.05))
-        self._last_twist = now
-        share = self._visibility(now)
+        dt = self._watch.beat(now)
+        share = self._watch.share(now, blind=self._may_go_blind())
         if share == 0.0 or self._point is None or self.state.converged:
             return np.zeros(6)
         p_camera = transform(inverse(T_base_camera), self._point)
         self._watch_distance(p_camera, T_base_camera)
-        v_camera = self.options.gain * (p_camera - self._target(self.state.standoff_m))
-        v_camera = v_camera + self._descend(dt)
+        options, error = self.options, p_camera - self._target(self.state.standoff_m)
+        gain = adaptive_gain(
+            float(np.linalg.norm(error)), options.gain_at_zero, options.gain_at_infinity, options.gain_slope
+        )
+        v_camera = gain * error + self._descend(dt)
         R = T_base_camera[:3, :3]
-        return share * np.r_[R @ v_camera, self.options.orientation_gain * rotation_log(self._rotation @ R.T)]
+        return share * np.r_[R @ v_camera, options.orientation_gain * rotation_log(self._rotation @ R.T)]
 
     def _measure(self, pixel: Array | None, depth: float | None, T_base_camera: Array) -> bool:
         """Believe a measurement or not; moves the estimate of the point when it does."""
@@ -194,11 +209,13 @@ class PointServo:
         p_base = transform(T_base_camera, depth * np.array([x, y, 1.0]))
         if not np.isfinite(p_base).all():
             return False
-        first = np.isnan(self._last_seen)
+        first = not self._watch.ever_seen
         if self._point is not None and np.linalg.norm(p_base - self._point) > (self._gate if first else options.gate_m):
             return False
+        if self._anchor is not None and np.linalg.norm(p_base - self._anchor) > options.drift_m:
+            return False
         if self._point is None or first:
-            self._point = p_base
+            self._point = self._anchor = p_base
         else:
             self._point = self._point + options.smoothing * (p_base - self._point)
         return True
@@ -209,20 +226,6 @@ class PointServo:
             self.state.stage in (ServoStage.DESCEND, ServoStage.FINAL)
             and self._measured_distance <= self.options.standoff_m + self.options.blind_m
         )
-
-    def _visibility(self, now: float) -> float:
-        options = self.options
-        since_frame = now - (self._first if np.isnan(self._last_frame) else self._last_frame)
-        since_seen = now - (self._first if np.isnan(self._last_seen) else self._last_seen)
-        if since_frame > options.lost_s:
-            raise ActionFailed(Reason.STALE_DATA, f"no camera frame for {since_frame:.1f} s")
-        if self._may_go_blind():
-            return 1.0
-        if since_seen > options.lost_s:
-            raise ActionFailed(Reason.FEATURE_LOST, f"the point was not seen for {since_seen:.1f} s")
-        if np.isnan(self._last_seen):
-            return 0.0
-        return float(np.clip((options.fade_to_s - since_seen) / (options.fade_to_s - options.fade_from_s), 0.0, 1.0))
 
     def _watch_distance(self, p_camera: Array, T_base_camera: Array) -> None:
         distance = float(np.linalg.norm(p_camera - self._target(0.0)))
@@ -236,25 +239,10 @@ class PointServo:
 
     def _descend(self, dt: float) -> Array:
         """Shrink the stand-off; returns the camera velocity (3,) that follows it, optical frame."""
-        standoff, speed = self.state.standoff_m, self.options.descend_speed
+        standoff = self.state.standoff_m
+        speed = descent(standoff, self.options.descend_speed, self.options.descend_slow_m)
         if self.state.stage is not ServoStage.DESCEND or standoff <= 0.0 or dt <= 0.0:
             return np.zeros(3)
         shorter = max(0.0, standoff - speed * dt)
         self.state = replace(self.state, standoff_m=shorter)
         return (self._target(standoff) - self._target(shorter)) / dt
-
-    def _next_stage(self, error: float) -> None:
-        options, stage = self.options, self.state.stage
-        if stage is ServoStage.DESCEND and self.state.standoff_m <= 0.0:
-            stage, self._good_frames = ServoStage.FINAL, 0
-        if stage in (ServoStage.STAND_OFF, ServoStage.FINAL):
-            first = stage is ServoStage.STAND_OFF
-            limit, frames = (
-                (options.standoff_error_m, options.standoff_frames)
-                if first
-                else (options.stop_error_m, options.stop_frames)
-            )
-            self._good_frames = self._good_frames + 1 if error < limit else 0
-            if self._good_frames >= frames:
-                stage, self._good_frames = (ServoStage.DESCEND if first else ServoStage.CONVERGED), 0
-        self.state = replace(self.state, stage=stage)

@@ -50,6 +50,7 @@ class MissionFile(Model):
     plants: tuple[PlantGoal, ...] | None = None
     select: Selection | None = None
     dispensers: Annotated[int, Field(ge=0, le=8)] = 8
+    arm_errors: Annotated[float, Field(ge=0, le=2)] = 0.0
     time_limit_s: Annotated[float, Field(gt=0, le=86400)] = 1500.0
     actions: dict[str, dict[str, Any]] = Field(default_factory=dict)
 

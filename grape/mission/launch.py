@@ -54,6 +54,8 @@ def run_mission(
     """
     from grape.actions.robot import build_robot
     from grape.bt import TreeExecutor, load_tree
+    from grape.sim.drivers import SensorOptions
+    from grape.sim.drivers.arm import ArmDriverOptions
     from grape.sim.simulation import Simulation, SimulationOptions
 
     refuse_used(out)
@@ -61,7 +63,8 @@ def run_mission(
     description = robot_description(mission.file.robot)
     robot = build_robot(description)
     world = world_type(mission.file.world.get("type", "vineyard")).grow(mission.site, mission.world)
-    options = SimulationOptions(dispensers=mission.file.dispensers)
+    sensors = SensorOptions(arm=ArmDriverOptions(errors=mission.file.arm_errors))
+    options = SimulationOptions(dispensers=mission.file.dispensers, sensors=sensors)
     simulation = Simulation(world, description, seed=mission.seed, options=options)
 
     def make_tree(context: Context) -> TreeExecutor:

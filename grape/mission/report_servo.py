@@ -72,11 +72,12 @@ def servo_card(run: ServoRun) -> str:
     return (
         f'<div class="card servo"><h3>{escape(run.plant)} · {escape(run.action)} {badge}</h3>'
         f'<p class="sub">{len(run.times)} samples in {duration:.1f} s from {run.start_s:.1f} s, ends at {result}</p>'
-        f'<div class="pair">{_plane(run)}{chart}</div></div>'
+        f'<div class="pair">{image_plane(run)}{chart}</div></div>'
     )
 
 
-def _plane(run: ServoRun) -> str:
+def image_plane(run: ServoRun) -> str:
+    """The corners' paths through the picture and where they should end, as SVG."""
     frame = Frame(left=40, top=22, width=300, height=225, x=(0, IMAGE[0]), y=(0, IMAGE[1]), up=False)
     parts = [tag("rect", x=frame.left, y=frame.top, width=frame.width, height=frame.height, fill="#fff", stroke="#bbb")]
     parts += axes(frame, "u, px", "v, px")

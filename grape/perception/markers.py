@@ -18,6 +18,7 @@ from grape.errors import InvalidInput, did_you_mean
 from grape.geometry import is_pose, pose, transform
 from grape.messages import Array, frozen_array
 from grape.perception.checks import as_intrinsics, as_region
+from grape.perception.marker_edges import refine_corners
 
 DICTIONARIES = tuple(sorted(n.removeprefix("DICT_") for n in dir(cv2.aruco) if n.startswith("DICT_")))
 
@@ -105,6 +106,7 @@ class MarkerDetector:
         parameters.adaptiveThreshConstant = self.options.threshold
         predefined = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{name}"))
         self._detector = cv2.aruco.ArucoDetector(predefined, parameters)
+        self._cells = predefined.markerSize + 2
 
     def detect(self, image: Array, roi: Any = None) -> tuple[Marker, ...]:
         """The markers in `image`, by rising id.
@@ -118,11 +120,12 @@ class MarkerDetector:
         """
         grey = _as_grey(image)
         u0, v0, u1, v1 = (0, 0, grey.shape[1], grey.shape[0]) if roi is None else as_region(roi, grey.shape)
-        corners, ids, _ = self._detector.detectMarkers(np.ascontiguousarray(grey[v0:v1, u0:u1]))
+        part = np.ascontiguousarray(grey[v0:v1, u0:u1])
+        corners, ids, _ = self._detector.detectMarkers(part)
         if ids is None:
             return ()
         found = [
-            Marker(id=int(i), corners=c.reshape(4, 2) + np.array((u0, v0)))
+            Marker(id=int(i), corners=refine_corners(part, c.reshape(4, 2), self._cells) + np.array((u0, v0)))
             for i, c in zip(ids.ravel(), corners, strict=True)
         ]
         return tuple(sorted((m for m in found if m.side_px >= self.options.min_side_px), key=lambda m: m.id))

@@ -8,6 +8,7 @@ import numpy as np
 
 from grape.errors import InvalidInput
 from grape.messages import Array, JointState
+from grape.sim.arm_errors import draw_arm_errors
 from grape.sim.drivers.sampled import SampledSensor
 from grape.sim.physics import STEP_S, STEPS_PER_SECOND, Physics
 from grape.sim.sensors.noise import FrameNoise
@@ -26,16 +27,21 @@ class ArmLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class ArmDriverOptions:
-    """Behaviour of the arm's own controller."""
+    """Behaviour of the arm's own controller, and how imperfect the arm is (`draw_arm_errors`)."""
 
     timeout_s: float = 0.05
     beat_s: float = 0.01  # time between set-points that acceleration limits are counted over
     lead: float = 0.05  # rad that the reference may run ahead of the measured angle
     encoder_sigma: float = 1e-4  # rad
+    errors: float = 0.0  # level: 0 for a perfect arm, 1 for one as bad as the measured one
 
 
 class SimulatedArm(SampledSensor[JointState]):
-    """Position actuators that follow an integrated velocity reference, with gravity compensated as in the real arm."""
+    """Position actuators that follow an integrated velocity reference, with gravity compensated as in the real arm.
+
+    The controller lives on the motors' side of the gears and knows what its encoders tell. With errors, a link turns
+    as its motor does once the play of the gear is used up, and the encoder is off by its bias.
+    """
 
     def __init__(self, physics: Physics, limits: ArmLimits, seed: int, options: ArmDriverOptions) -> None:
         super().__init__(physics, "arm", options.beat_s)
@@ -45,12 +51,14 @@ class SimulatedArm(SampledSensor[JointState]):
         self._qpos = physics.joint_qpos(limits.joints)
         self._qvel = physics.joint_qvel(limits.joints)
         self._actuators = physics.actuators(limits.joints)
+        self._errors = draw_arm_errors(self._noise.constant(), len(limits.joints), options.errors)
         gain, bias = physics.model.actuator_gainprm, physics.model.actuator_biasprm
-        self._lag_s = -bias[self._actuators, 2] / gain[self._actuators, 0]
+        self._lead_s = -bias[self._actuators, 2] / gain[self._actuators, 0] * (1.0 - self._errors.trailing)
         self._timeout_steps = round(options.timeout_s * STEPS_PER_SECOND)
         self._target = np.zeros(len(limits.joints))
         self._velocity = np.zeros(len(limits.joints))
-        self._reference = physics.data.qpos[self._qpos].copy()
+        self._link = physics.data.qpos[self._qpos].copy()  # where the gear puts the link
+        self._reference = self._link + self._errors.bias  # of the motor, by its encoder
         self._last_send = -self._timeout_steps
 
     def send(self, velocity: Array) -> Array:
@@ -78,9 +86,15 @@ class SimulatedArm(SampledSensor[JointState]):
         if self._physics.clock.step - self._last_send >= self._timeout_steps:
             self._target[:] = 0.0
         if self._target.any() or self._velocity.any():
-            self._move(self._physics.data.qpos[self._qpos])
+            self._move(self._encoders(self._physics.data.qpos[self._qpos]))
+            motor, half_play = self._reference - self._errors.bias, 0.5 * self._errors.play
+            self._link = np.clip(self._link, motor - half_play, motor + half_play)
         # A position servo with damping trails a moving reference by damping / stiffness x speed: ask for so much more.
-        self._physics.data.ctrl[self._actuators] = self._reference + self._lag_s * self._velocity
+        self._physics.data.ctrl[self._actuators] = self._link + self._lead_s * self._velocity
+
+    def _encoders(self, links: Array) -> Array:
+        """What the encoders tell when the links are at angles (n,) rad: the motors', which the play parts from them."""
+        return links + (self._reference - self._link)
 
     def _move(self, measured: Array) -> None:
         limits = self._limits
@@ -90,12 +104,13 @@ class SimulatedArm(SampledSensor[JointState]):
         room_down = np.sqrt(2 * limits.acceleration * np.maximum(self._reference - limits.lower, 0.0))
         self._velocity = np.clip(velocity, -room_down, room_up)
         lead = self._options.lead
-        reference = np.clip(self._reference + self._velocity * STEP_S, measured - lead, measured + lead)
+        step = self._velocity * (1.0 + self._errors.rate) * STEP_S
+        reference = np.clip(self._reference + step, measured - lead, measured + lead)
         self._reference = np.clip(reference, limits.lower, limits.upper)
 
     def _snapshot(self) -> tuple[Array, Array, Array]:
         data = self._physics.data
-        return data.qpos[self._qpos], data.qvel[self._qvel], data.qfrc_actuator[self._qvel]
+        return self._encoders(data.qpos[self._qpos]), data.qvel[self._qvel], data.qfrc_actuator[self._qvel]
 
     def _measure(self, index: int, stamp: float, snapshot: tuple[Array, Array, Array]) -> JointState:
         position, velocity, effort = snapshot

@@ -11,9 +11,17 @@ import numpy as np
 from grape.messages import Array, CameraInfo, RgbdImage
 from grape.sim.drivers.sampled import SampledSensor
 from grape.sim.physics import Physics, Replica
-from grape.sim.render import Renderer
+from grape.sim.render import SHOWN_GROUPS, Renderer
 from grape.sim.sensors.noise import FrameNoise
-from grape.sim.sensors.rgbd import Glare, NoiseBank, RgbdModel, measured_color, measured_depth
+from grape.sim.sensors.rgbd import (
+    Glare,
+    GlossyPlate,
+    NoiseBank,
+    RgbdModel,
+    measured_color,
+    measured_depth,
+    sun_on_plate,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,6 +35,7 @@ class CameraOptions:
     period_s: float = 0.066
     latency_s: float = 0.066
     reach_m: float = 4.5  # how far the world's rods and plates are drawn; ground and sky always are
+    gloss_rad: float = 0.0  # how far from the sun's mirror image markers still blind the camera; 0: they are matt
     errors: RgbdModel = field(default_factory=RgbdModel)
 
 
@@ -46,6 +55,7 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
         self._noise = FrameNoise(seed, "camera")
         self._renderer: Renderer | None = None
         self._banks: tuple[NoiseBank, NoiseBank] | None = None
+        self._markers: list[int] = []  # geoms that may mirror the sun
         fovy = np.radians(physics.model.cam_fovy[physics.identify("camera", options.camera)])
         focal = 0.5 * options.height / np.tan(0.5 * fovy)
         centre = (0.5 * (options.width - 1), 0.5 * (options.height - 1))
@@ -78,16 +88,52 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
         if self._renderer is None or self._replica is None:
             self._replica = Replica(self._seen())
             self._renderer = Renderer(self._replica.model, options.width, options.height, reach_m=options.reach_m)
+            self._markers = _marker_geoms(self._replica.model) if options.gloss_rad > 0.0 else []
         if self._banks is None:
             rng = self._noise.constant()
             gray = NoiseBank(rng, options.height, options.width, 3).scaled(errors.noise)
             self._banks = gray, NoiseBank(rng, options.height, options.width, 1)
-        rgb, depth = self._renderer.color_and_depth(self._replica.show(qpos), options.camera)
+        data = self._replica.show(qpos)
+        rgb, depth = self._renderer.color_and_depth(data, options.camera)
+        saturated = self._mirrored_sun(self._replica.model, data, depth)
         rng = self._noise.frame(index)
         return RgbdImage(
             stamp=stamp,
             frame_id=options.frame_id,
-            bgr=measured_color(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), self._banks[0].cut(rng), errors),
-            depth=measured_depth(depth, self._banks[1].cut(rng)[..., 0], float(self.info.K[0, 0]), errors),
+            bgr=measured_color(cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), self._banks[0].cut(rng), errors, saturated),
+            depth=measured_depth(depth, self._banks[1].cut(rng)[..., 0], float(self.info.K[0, 0]), errors, saturated),
             info=self.info,
         )
+
+    def _mirrored_sun(self, model: mujoco.MjModel, data: mujoco.MjData, depth: Array) -> Array | None:
+        """Pixels (n, 2) that glare on the markers saturates; a marker in shadow has none."""
+        camera = self._physics.identify("camera", self._options.camera)
+        R_camera_map = (data.cam_xmat[camera].reshape(3, 3) * [1.0, -1.0, -1.0]).T  # optical axes: y down, z forward
+        towards_sun = -data.light_xdir[0]
+        found = []
+        for geom in self._markers:
+            R_map_plate = data.geom_xmat[geom].reshape(3, 3)
+            face = data.geom_xpos[geom] + model.geom_size[geom][2] * R_map_plate[:, 2]
+            T = np.eye(4)
+            T[:3, :3] = R_camera_map @ R_map_plate
+            T[:3, 3] = R_camera_map @ (face - data.cam_xpos[camera])
+            plate = GlossyPlate(
+                T_camera_plate=T, half_size=model.geom_size[geom][:2], gloss_rad=self._options.gloss_rad
+            )
+            pixels = sun_on_plate(plate, R_camera_map @ towards_sun, self.info.K, depth)
+            if pixels is not None and not _shaded(model, data, face + 1e-3 * R_map_plate[:, 2], towards_sun):
+                found.append(pixels)
+        return np.concatenate(found) if found else None
+
+
+def _marker_geoms(model: mujoco.MjModel) -> list[int]:
+    """Indices of the geoms that are markers, by their names."""
+    names = (model.geom(k).name for k in range(model.ngeom))
+    return [k for k, name in enumerate(names) if name.rpartition("/")[2].startswith("marker")]
+
+
+def _shaded(model: mujoco.MjModel, data: mujoco.MjData, point: Array, towards_sun: Array) -> bool:
+    """Whether something that is drawn stands between a point (3,) and the sun."""
+    shown = np.array([group in SHOWN_GROUPS for group in range(6)], dtype=np.uint8)
+    hit = np.zeros(1, dtype=np.int32)
+    return bool(mujoco.mj_ray(model, data, point, towards_sun, shown, 1, -1, hit, None) >= 0.0)

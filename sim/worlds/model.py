@@ -91,13 +91,18 @@ class Terrain:
 
 @dataclass(frozen=True, kw_only=True)
 class Sun:
-    """Direction in which light travels (unit vector, map frame) and colours 0..1."""
+    """Direction in which light travels (unit vector, map frame) and colours 0..1.
+
+    Attributes:
+        gloss_rad: how far from its mirror image in a marker the sun still blinds a camera.
+    """
 
     direction: Array  # (3,)
     diffuse: tuple[float, float, float]
     ambient: tuple[float, float, float]
     sky_top: tuple[float, float, float]
     sky_horizon: tuple[float, float, float]
+    gloss_rad: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

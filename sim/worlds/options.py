@@ -53,6 +53,7 @@ class VineyardOptions:
     sun_azimuth: Annotated[float, _number(-360.0, 360.0)] | None = None  # where it stands, clockwise from north
     sun_elevation: Annotated[float, _number(1.0, 90.0)] | None = None
     sun_strength: Annotated[float, _number(0.0, 2.0)] = 1.0
+    glare: Annotated[float, _number(0.0, 1.0)] = 0.0  # how glossy the markers' prints are
     datum_latitude: Annotated[float, _number(-85.0, 85.0)] = 42.3415  # Garriguella, Catalonia
     datum_longitude: Annotated[float, _number(-180.0, 180.0)] = 3.0632
     datum_altitude: Annotated[float, _number(-500.0, 6000.0)] = 60.0

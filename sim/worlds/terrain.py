@@ -12,6 +12,7 @@ from grape.site import Site
 MARGIN_ALONG_M = 6.0  # of ground beyond the row ends
 MARGIN_ACROSS_M = 4.0
 SMOOTH_RADIUS_M = 1.2  # no roughness this near to the start, full roughness at twice the distance
+GLOSS_RAD = np.radians(12.0)  # of semi-gloss photo paper in the sun
 
 
 def make_terrain(site: Site, options: VineyardOptions, rng: np.random.Generator) -> Terrain:
@@ -66,4 +67,12 @@ def make_sun(options: VineyardOptions) -> Sun:
         [np.sin(azimuth) * np.cos(elevation), np.cos(azimuth) * np.cos(elevation), np.sin(elevation)]
     )
     r, g, b = (min(c * options.sun_strength, 1.0) for c in diffuse)
-    return Sun(direction=-towards, diffuse=(r, g, b), ambient=ambient, sky_top=zenith, sky_horizon=horizon)
+    direct = 0.0 if options.sun == "overcast" else 1.0
+    return Sun(
+        direction=-towards,
+        diffuse=(r, g, b),
+        ambient=ambient,
+        sky_top=zenith,
+        sky_horizon=horizon,
+        gloss_rad=direct * options.glare * GLOSS_RAD,
+    )

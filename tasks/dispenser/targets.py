@@ -17,6 +17,7 @@ from grape.messages import Array, frozen_array
 
 AIM_OFFSET_M = 0.028  # from the nail line to where the spur passes the loop, along the hand's y
 AIM_DEPTH_M = 0.030  # how far the loop is pushed over the tip
+TOUCH_M = 0.12  # around the tip: what the hand is there to touch
 RETREAT_M = 0.14  # straight back along the fingers after letting go
 
 

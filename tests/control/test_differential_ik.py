@@ -73,3 +73,29 @@ def test_a_malformed_twist_is_refused(arm, q_front, twist):
 def test_a_stop_distance_beyond_the_slow_distance_is_refused():
     with pytest.raises(InvalidInput):
         DifferentialIkOptions(clearance_slow_m=0.01, clearance_stop_m=0.02)
+
+
+def test_motion_slows_towards_a_singularity_and_halts_but_may_leave_it(arm, q_front):
+    sigma = arm.sigma_min(q_front)
+    J, twists = arm.jacobian(q_front), []
+    for sign in (1.0, -1.0):  # along which joint motion the arm comes nearer to a singularity
+        gradient = np.array([arm.sigma_min(q_front + 1e-4 * e) - sigma for e in np.eye(6)])
+        twists.append(J @ (-sign * 0.3 * gradient / np.linalg.norm(gradient)))
+
+    def solve(slow, stop, twist):
+        options = DifferentialIkOptions(sigma_slow=slow, sigma_stop=stop, damping_sigma=1e-6)
+        return DifferentialIk.for_arm(arm, VELOCITY, options).solve(q_front, twist)
+
+    towards, away = twists
+    slowed = solve(1.2 * sigma, 0.5 * sigma, towards)
+    halted = solve(1.2 * sigma, 1.1 * sigma, towards)
+    assert 0.0 < slowed.scale < solve(0.1 * sigma, 0.0, towards).scale
+    assert slowed.hindrance == halted.hindrance == "singularity"
+    assert not halted.velocity.any()
+    assert solve(1.2 * sigma, 1.1 * sigma, away).hindrance == ""
+
+
+def test_an_obstacle_is_named_as_what_hinders(arm, q_front):
+    solver = DifferentialIk.for_arm(arm, VELOCITY, clearance=lambda q: 0.004)
+    command = solver.solve(q_front, SLOW)
+    assert command.hindrance == "obstacle" and not command.velocity.any()

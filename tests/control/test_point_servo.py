@@ -101,6 +101,17 @@ def test_a_point_far_from_the_prediction_is_not_believed():
     assert servo.update(0.198, pixel, depth, T).seen
 
 
+def test_a_point_that_moves_with_the_hand_is_not_followed():
+    servo = PointServo(target, K)
+    T = np.eye(4)
+    assert servo.update(0.0, K[:2, 2], 0.4, T).seen
+    seen = []
+    for k in range(1, 9):  # it stands still in the image while the camera moves 8 mm a frame
+        T[2, 3] = 0.008 * k
+        seen.append(servo.update(0.066 * k, K[:2, 2], 0.4, T).seen)
+    assert seen[:3] == [True] * 3 and not any(seen[4:])
+
+
 def test_the_first_measurement_is_gated_by_the_first_guess():
     servo = PointServo(target, K, p_base_point=NAIL_TIP + np.array([0.0, 0.25, 0.0]))
     T = level_camera(0.14)

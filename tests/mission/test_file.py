@@ -71,6 +71,8 @@ def test_defaults_of_goals_get_the_types_of_their_fields(tmp_path: Path) -> None
         ("select.nails=1", "both plants and select are given"),
         ("dispensers=9", "less than or equal to 8"),
         ("time_limit_s=0", "greater than 0"),
+        ("arm_errors=-1", "greater than or equal to 0"),
+        ("world.glare=2", "less than or equal to 1"),
         ("sede=3", "did you mean 'seed'?"),
         ("actions.ScanVin.speed=1", "actions.ScanVin: unknown node; allowed: ApproachNail, "),
         ("actions.ScanVin.speed=1", "did you mean 'ScanVine'?"),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.move_arm import move_to_pose
 from grape.actions.retract import back_off
-from grape.tasks.dispenser.targets import HangTarget, hang_line
+from grape.tasks.dispenser.targets import TOUCH_M, HangTarget, hang_line
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,5 +27,5 @@ def approach_spur(goal: ApproachSpurGoal, ctx: Context) -> Generator[Feedback, N
     line = hang_line(ctx.robot, target, goal.stand_off_m)
     with ctx.arm.lease("ApproachSpur") as arm:
         yield from back_off(ctx, arm)  # from where an attempt before has failed
-        yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch=(target.tip, 0.12))
+        yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch=(target.tip, TOUCH_M))
     return NoResult()

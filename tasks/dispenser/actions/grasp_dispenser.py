@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.hand_path import follow_hand_path, smooth_step, straight
+from grape.actions.hand_path import HandPathOptions, calibrated_joints, follow_hand_path, smooth_step, straight
 from grape.geometry import pose, rotation_x
 from grape.messages import Array
 
@@ -44,8 +44,9 @@ def grasp_dispenser(goal: GraspDispenserGoal, ctx: Context) -> Generator[Feedbac
     """
     robot = ctx.robot
     gripper = robot.description.gripper
+    options = HandPathOptions(calibrated=True)
     with ctx.arm.lease("GraspDispenser") as arm, ctx.gripper.lease("GraspDispenser") as fingers:
-        T_base_nails = robot.hand_pose(ctx.world.joints()) @ robot.hand.T_hand_nails(gripper.closed_angle)
+        T_base_nails = robot.hand_pose(calibrated_joints(ctx)) @ robot.hand.T_hand_nails(gripper.closed_angle)
 
         def angle_at(t: float) -> float:
             s = smooth_step(t / goal.open_s)
@@ -57,7 +58,7 @@ def grasp_dispenser(goal: GraspDispenserGoal, ctx: Context) -> Generator[Feedbac
 
         yield from follow_hand_path(
             ctx, arm, nails_held, goal.open_s, status="opening the fingers in the loop", gripper=fingers,
-            fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]),
+            fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]), options=options,
         )  # fmt: skip
         lift = (robot.description.feeder.levels - 1 - goal.level) * robot.description.feeder.pitch + goal.clear_m
         T_risen = pose(None, (0.0, 0.0, goal.rise_m)) @ nails_held(goal.open_s)
@@ -69,6 +70,6 @@ def grasp_dispenser(goal: GraspDispenserGoal, ctx: Context) -> Generator[Feedbac
             ("lifting", T_dragged, T_lifted, lift / goal.lift_speed),
         ):
             yield from follow_hand_path(
-                ctx, arm, straight(T_start, T_end, duration), duration, status=f"{name} the dispenser"
+                ctx, arm, straight(T_start, T_end, duration), duration, status=f"{name} the dispenser", options=options
             )
     return NoResult()

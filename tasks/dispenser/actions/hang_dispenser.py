@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.hand_path import HandPathOptions, follow_hand_path, smooth_step, straight
+from grape.actions.hand_path import HandPathOptions, calibrated_joints, follow_hand_path, smooth_step, straight
 from grape.geometry import pose
 from grape.messages import Array
 from grape.tasks.dispenser.targets import RETREAT_M, HangTarget
@@ -37,7 +37,7 @@ def hang_dispenser(goal: HangDispenserGoal, ctx: Context) -> Generator[Feedback,
     robot = ctx.robot
     gripper = robot.description.gripper
     with ctx.arm.lease("HangDispenser") as arm, ctx.gripper.lease("HangDispenser") as fingers:
-        T_base_nails = robot.hand_pose(ctx.world.joints()) @ robot.hand.T_hand_nails(gripper.open_angle)
+        T_base_nails = robot.hand_pose(calibrated_joints(ctx)) @ robot.hand.T_hand_nails(gripper.open_angle)
 
         def angle_at(t: float) -> float:
             s = smooth_step(t / goal.close_s)
@@ -49,12 +49,13 @@ def hang_dispenser(goal: HangDispenserGoal, ctx: Context) -> Generator[Feedback,
         yield from follow_hand_path(
             ctx, arm, nails_held, goal.close_s, status="closing the fingers", gripper=fingers,
             fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]),
+            options=HandPathOptions(calibrated=True),
         )  # fmt: skip
         ctx.ledger.move_dispenser("hand", goal.target.plant)
         T_closed = nails_held(goal.close_s)
         T_back = T_closed @ pose(None, (0.0, 0.0, goal.retreat_m))
         yield from follow_hand_path(
             ctx, arm, straight(T_closed, T_back, goal.retreat_s), goal.retreat_s, status="released, backing off",
-            options=HandPathOptions(tolerance_m=0.08, tolerance_rad=0.5),
+            options=HandPathOptions(tolerance_m=0.08, tolerance_rad=0.5, calibrated=True),
         )  # fmt: skip
     return NoResult()

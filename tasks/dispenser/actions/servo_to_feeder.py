@@ -6,13 +6,15 @@ from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.hand_path import follow_hand_path, straight
-from grape.actions.servoing import camera_mount, servo_on_markers
+from grape.actions.hand_path import JOINT_OFFSETS
+from grape.actions.move_arm import checker_for
+from grape.actions.servoing import ServoOutcome, camera_mount, go_straight, servo_on_markers, with_retries
 from grape.control.ibvs import MarkerServo, MarkerServoOptions
+from grape.control.joint_offsets import joint_offsets
 from grape.geometry import inverse
 from grape.messages import Array
 from grape.perception.markers import MarkerDetector
-from grape.tasks.dispenser.feeder import feeder_geometry, hand_at_feeder
+from grape.tasks.dispenser.feeder import FEEDER_BOXES, feeder_geometry, hand_at_feeder
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,43 +23,56 @@ class ServoToFeederGoal:
 
     Attributes:
         level: of the dispenser, 0 is the lowest.
-        stand_off_m: height over the loop at which the first stage settles.
-        timeout_s: of the servoing.
+        stand_off_m: height over the feeder's topmost level at which the first stage settles: from there on the hand
+            goes down between the trays.
+        timeout_s: of one servo run.
+        tries: runs from the staging pose, the one in which this action was started.
     """
 
     level: int
     stand_off_m: float = 0.05
     timeout_s: float = 20.0
+    tries: int = 2
 
 
 @action("ServoToFeeder")
 def servo_to_feeder(goal: ServoToFeederGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
-    """Servos on the corners of both feeder markers, or of the one that is seen, until the nails are inside the loop."""
+    """Servos on the corners of both feeder markers, or of the one that is seen, until the nails are inside the loop.
+
+    Where the hand is then is known better than its joints tell: what they are off is kept for the motions that follow.
+    """
     robot = ctx.robot
-    feeder = feeder_geometry(robot)
-    T_hand_camera = camera_mount(ctx)
-    T_base_feeder = robot.description.feeder.T_base_link_feeder
+    feeder, described = feeder_geometry(robot), robot.description.feeder
+    T_hand_camera, K = camera_mount(ctx), ctx.camera.latest().info.K
+    detector = MarkerDetector(described.marker_dictionary)
+    clearance = checker_for(ctx, without=FEEDER_BOXES, holding=False).clearance
+    stand_off_m = (described.levels - 1 - goal.level) * described.pitch + goal.stand_off_m
 
     def desired(height: float) -> Mapping[int, Array]:
         T_camera_base = inverse(hand_at_feeder(robot, goal.level, height) @ T_hand_camera)
-        return {i: T_camera_base @ T_base_feeder @ T for i, T in feeder.T_feeder_marker.items()}
+        return {i: T_camera_base @ described.T_base_link_feeder @ T for i, T in feeder.T_feeder_marker.items()}
 
-    image = ctx.camera.latest()
-    servo = MarkerServo(
-        {i: lambda height, i=i: desired(height)[i] for i in feeder.T_feeder_marker},  # type: ignore[misc]
-        feeder.marker_side_m,
-        image.info.K,
-        MarkerServoOptions(standoff_m=goal.stand_off_m, stop_px=0.7, stop_frames=6),
-    )
     with ctx.arm.lease("ServoToFeeder") as arm:
-        T_now = robot.hand_pose(ctx.world.joints())
-        T_near = hand_at_feeder(robot, goal.level, goal.stand_off_m + 0.03)
-        duration = max(0.8, abs(T_now[2, 3] - T_near[2, 3]) / 0.08)
-        yield from follow_hand_path(
-            ctx, arm, straight(T_now, T_near, duration), duration, status="moving to feeder", settle=False
-        )
-        yield from servo_on_markers(
-            ctx, arm, servo, desired, MarkerDetector(robot.description.feeder.marker_dictionary), feeder.marker_side_m,
-            name="ServoToFeeder", status="servoing to feeder", timeout_s=goal.timeout_s,
-        )  # fmt: skip
+        T_staging = robot.hand_pose(ctx.world.joints())
+
+        def attempt() -> Generator[Feedback, None, ServoOutcome]:
+            servo = MarkerServo(
+                {i: lambda height, i=i: desired(height)[i] for i in feeder.T_feeder_marker},  # type: ignore[misc]
+                feeder.marker_side_m,
+                K,
+                MarkerServoOptions(standoff_m=stand_off_m, standoff_px=1.5, stop_px=0.7, stop_frames=6),
+            )
+            return (
+                yield from servo_on_markers(
+                    ctx, arm, servo, desired, detector, feeder.marker_side_m,
+                    name="ServoToFeeder", status="servoing to feeder", timeout_s=goal.timeout_s, clearance=clearance,
+                )
+            )  # fmt: skip
+
+        def back() -> Generator[Feedback, None, None]:
+            yield from go_straight(ctx, arm, T_staging, status="back above the feeder")
+
+        yield from with_retries(ctx, goal.tries, attempt, back)
+    T_arm_base_hand = robot.in_arm_base(hand_at_feeder(robot, goal.level, 0.0))
+    ctx.world.committed[JOINT_OFFSETS] = joint_offsets(robot.arm, ctx.world.joints(), T_arm_base_hand)
     return NoResult()

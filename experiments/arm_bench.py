@@ -1,0 +1,178 @@
+"""A robot parked beside a plant, whose pose is given: what its arm does can be measured without driving there."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, TypeVar
+
+import numpy as np
+
+from grape.actions.core import Context, Feedback, InlineJobs, Outcome, PlantTask
+from grape.actions.robot import build_robot
+from grape.errors import ActionFailed, Reason
+from grape.geometry import inverse
+from grape.messages import Array, Odometry
+from grape.robots import RobotDescription
+from grape.sim.drivers import SensorOptions
+from grape.sim.drivers.arm import ArmDriverOptions
+from grape.sim.simulation import Simulation, SimulationOptions
+from grape.sim.worlds import VineyardOptions, generate_vineyard
+from grape.world import World
+
+R = TypeVar("R")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parking:
+    """Where the robot stands: the plant is `ahead_m` before the arm's base and `beside_m` left of the robot's side."""
+
+    plant: str
+    ahead_m: float = -0.22
+    beside_m: float = 0.50
+
+
+@dataclass
+class BenchLog:
+    """Keeps what actions tell."""
+
+    events: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
+    pictures: dict[str, Array] = field(default_factory=dict)
+
+    def event(self, kind: str, /, **fields: Any) -> None:
+        """Keep an event."""
+        self.events.append((kind, fields))
+
+    def picture(self, name: str, bgr: Array) -> None:
+        """Keep the last picture of this name."""
+        self.pictures[name] = bgr
+
+    def of(self, kind: str) -> list[dict[str, Any]]:
+        """The events of one kind."""
+        return [fields for name, fields in self.events if name == kind]
+
+
+class BenchLedger:
+    """An account that lives as long as the bench."""
+
+    def __init__(self, loaded: int) -> None:
+        self._places = {"feeder": loaded, "hand": 0, "lost": 0}
+        self._attempts: dict[str, int] = {}
+
+    def plants(self) -> tuple[PlantTask, ...]:
+        """None: nobody drives."""
+        return ()
+
+    def attempt(self, plant: str) -> int:
+        """Count an attempt."""
+        self._attempts[plant] = self._attempts.get(plant, 0) + 1
+        return self._attempts[plant]
+
+    def finish(self, plant: str, outcome: Outcome, reason: str = "") -> None:
+        """Nothing to finish."""
+
+    def move_dispenser(self, source: str, target: str) -> None:
+        """Move one dispenser."""
+        self._places[source] -= 1
+        self._places[target] = self._places.get(target, 0) + 1
+
+    def dispensers(self) -> Mapping[str, int]:
+        """How many are where."""
+        return dict(self._places)
+
+
+class ArmBench:
+    """One parked robot in one world.
+
+    Args:
+        description: of the robot.
+        parking: where it stands.
+        world: the vineyard; its `seed` also draws the sensors' noise and the arm's errors.
+        arm_errors: level of the arm's errors.
+        dispensers: in the feeder.
+    """
+
+    def __init__(
+        self,
+        description: RobotDescription,
+        parking: Parking,
+        world: VineyardOptions,
+        *,
+        arm_errors: float = 1.0,
+        dispensers: int = 0,
+    ) -> None:
+        self.truth = _parked(world, parking, description)
+        sensors = SensorOptions(arm=ArmDriverOptions(errors=arm_errors))
+        options = SimulationOptions(dispensers=dispensers, sensors=sensors)
+        self.simulation = Simulation(self.truth, description, seed=world.seed, options=options)
+        self.robot = build_robot(description)
+        self.log = BenchLog()
+        self.ctx = Context(
+            clock=self.simulation.clock,
+            world=World(site=self.truth.site),
+            drivers=self.simulation.drivers,
+            robot=self.robot,
+            jobs=InlineJobs(),
+            log=self.log,
+            ledger=BenchLedger(dispensers),
+            rng=np.random.default_rng([world.seed, 7]),
+        )
+        for name, mount in description.mounts.items():
+            self.ctx.world.frames.set_fixed(mount.parent, name, mount.T_parent_sensor)
+        self._sense()
+
+    def run(self, action: Generator[Feedback, None, R], limit_s: float = 120.0) -> R:
+        """Beat until an action ends.
+
+        Raises:
+            ActionFailed: it failed, or TIMEOUT: it was stopped after `limit_s` simulated seconds.
+        """
+        end = self.ctx.clock.now() + limit_s
+        while self.ctx.clock.now() < end:
+            try:
+                next(action)
+            except StopIteration as stop:
+                result: R = stop.value
+                return result
+            self.simulation.advance()
+            self._sense()
+        action.close()
+        raise ActionFailed(Reason.TIMEOUT, f"the action took longer than {limit_s} s")
+
+    def true_hand(self) -> Array:
+        """`T_base_hand` as it really is, whatever the encoders tell."""
+        referee = self.simulation.referee
+        return inverse(referee.true_pose()) @ referee.true_pose(self.robot.description.arm.tip_frame)
+
+    def close(self) -> None:
+        """Give the graphics memory back."""
+        self.simulation.close()
+
+    def _sense(self) -> None:
+        world, drivers = self.ctx.world, self.ctx.drivers
+        world.arm, world.gripper = drivers.arm.latest(), drivers.gripper.latest()
+        world.frames.push("base_link", "hand", self.robot.hand_pose(world.arm.position), world.arm.stamp)
+        world.localized = True
+        world.odometry = Odometry(
+            stamp=self.ctx.clock.now(),
+            frame_id="map",
+            child_frame_id="base_link",
+            pose=self.simulation.referee.true_pose(),
+            linear=np.zeros(3),
+            angular=np.zeros(3),
+            pose_covariance=np.zeros((6, 6)),
+            twist_covariance=np.zeros((6, 6)),
+        )
+
+
+def _parked(options: VineyardOptions, parking: Parking, description: RobotDescription) -> Any:
+    """The world with the robot's start beside a plant."""
+    world = generate_vineyard(options)
+    plant = world.site.plant(parking.plant)
+    row = world.site.row(plant.row)
+    along, aside = row.work_direction, row.aisle_normal
+    x = description.arm.T_base_link_arm_base[0, 3] + parking.ahead_m
+    y = float(description.base.footprint[:, 1].max()) + parking.beside_m
+    start = plant.position - along * x + aside * y
+    heading = float(np.arctan2(along[1], along[0]))
+    return replace(world, site=replace(world.site, start=start, start_heading_rad=heading))
