@@ -18,6 +18,7 @@ from grape.perception.sweep import AssembleOptions, Sweep, assemble
 from grape.tasks.dispenser.row import row_boxes, row_distance
 
 WRIST_LIDAR = "wrist_lidar"
+SWEEP = AssembleOptions(range_m=(0.30, 1.2), bearing_rad=(-1.3, 1.3))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,7 +64,7 @@ class ScanVineResult:
 @action("ScanVine")
 def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, ScanVineResult]:
     """Moves the wrist along the vine in a straight line at constant orientation and keeps LiDAR scans and frames."""
-    T_first, T_last = _line(goal, ctx)
+    T_first, T_last = sweep_line(goal, ctx.robot.description.arm.T_base_link_arm_base, row_distance(ctx, goal.plant))
     with ctx.arm.lease("ScanVine") as arm, ctx.gripper.lease("ScanVine") as gripper:
         closed = ctx.robot.description.gripper.closed_angle
         gripper.send(np.array([ctx.robot.description.gripper.thumb_clear, closed, closed]))
@@ -95,11 +96,16 @@ def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, Sca
     return ScanVineResult(scan=scan)
 
 
-def _line(goal: ScanVineGoal, ctx: Context) -> tuple[Array, Array]:
-    """First and last hand pose of the sweep in base_link."""
-    row_y = row_distance(ctx, goal.plant)
-    arm_base = ctx.robot.description.arm.T_base_link_arm_base[:3, 3]
+def sweep_line(goal: ScanVineGoal, T_base_arm: Array, row_y: float) -> tuple[Array, Array]:
+    """First and last hand pose (4, 4) of the sweep in base_link.
+
+    Args:
+        goal: how to scan.
+        T_base_arm: pose of the arm's base in base_link.
+        row_y: m, how far left of base_link the row's line runs.
+    """
     R = rotation_x(goal.pitch) @ rotation_z(np.pi)
+    arm_base = T_base_arm[:3, 3]
     y, z = row_y - goal.stand_off_m, arm_base[2] + goal.height_m
     first, last = (pose(R, (arm_base[0] + s * goal.half_length_m, y, z)) for s in (-1, 1))
     return first, last
@@ -142,9 +148,7 @@ class _Collector:
         stamped = [frames.lookup("base_link", WRIST_LIDAR, scan.stamp) for scan in self._scans]
         now = self._ctx.clock.now()  # the last scan may end later: the hand rests by then
         ends = [frames.lookup("base_link", WRIST_LIDAR, min(s.stamp + s.scan_time, now)) for s in self._scans]
-        sweep = assemble(
-            self._scans, stamped, AssembleOptions(range_m=(0.30, 1.2), bearing_rad=(-1.3, 1.3)), T_map_lidar_end=ends
-        )
+        sweep = assemble(self._scans, stamped, SWEEP, T_map_lidar_end=ends)
         cameras = tuple(frames.lookup("base_link", "camera_optical", image.stamp) for image in self._images)
         return VineScan(
             sweep=sweep, images=tuple(self._images), T_base_camera=cameras, T_hand_camera=camera_mount(self._ctx)
