@@ -130,8 +130,6 @@ def _prepare(points: Array, options: SpurOptions) -> Array:
 
 
 def _surroundings(points: Array, origins: Array, up: Array, options: SpurOptions) -> Surroundings:
-    from scipy.spatial import cKDTree
-
     middle = np.median(points, axis=0)
     to_robot = origins.mean(axis=0) - middle
     to_robot = to_robot - (to_robot @ up) * up
@@ -139,7 +137,6 @@ def _surroundings(points: Array, origins: Array, up: Array, options: SpurOptions
     pitch = np.radians(options.score.pitch_deg)
     return Surroundings(
         points=points,
-        tree=cKDTree(points),
         origins=origins,
         approach=np.cos(pitch) * toward_robot + np.sin(pitch) * up,
         toward_robot=toward_robot,
