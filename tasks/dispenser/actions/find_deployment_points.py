@@ -17,6 +17,7 @@ from grape.perception.cloud import crop_mask, image_to_points, voxel_grid
 from grape.perception.sweep import debias, range_bias, smooth_sweep
 from grape.tasks.dispenser.actions.scan_vine import VineScan
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
+from grape.tasks.dispenser.perception.depth_view import DepthView
 from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, extract_poses, merge_poses
 from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, row_distance
 from grape.tasks.dispenser.targets import HangTarget, hang_line
@@ -96,19 +97,21 @@ def extract(goal: FindDeploymentPointsGoal, row_y: float) -> tuple[tuple[Deploym
     scan = goal.scan
     low = np.array([-2.0, row_y - goal.depth_m, goal.height_m[0] - GROUND_CLEARANCE_M])
     high = np.array([2.0, row_y + goal.depth_m, goal.height_m[1] - GROUND_CLEARANCE_M])
-    frames, views = [], []
+    frames, views, found = [], [], []
     for image, T_base_camera in zip(scan.images, scan.T_base_camera, strict=True):
         points = transform(T_base_camera, _without_hand(image_to_points(image), scan.T_hand_camera))
         frames.append(points)
         vine = points[crop_mask(points, low, high)]
-        views.append(extract_poses(vine, T_base_camera[None, :3, 3]))
+        view = DepthView(image=image, T_base_camera=T_base_camera)
+        found.append([pose for pose in extract_poses(vine, T_base_camera[None, :3, 3]) if view.inside(pose)])
+        views.append(view)
     camera = voxel_grid(np.vstack(frames), 0.005) if frames else np.empty((0, 3))
     sweep = smooth_sweep(scan.sweep)
     bias = range_bias(sweep, camera)
     lidar = (sweep if bias is None else debias(sweep, bias)).points
     cloud = voxel_grid(np.vstack([camera, lidar]), 0.005) if len(lidar) else camera
     if frames:
-        return merge_poses(views), cloud
+        return merge_poses(found, shows=[view.shows for view in views]), cloud
     vine = lidar[crop_mask(lidar, low, high)]
     return extract_poses(vine, sweep.origins[:: max(1, len(sweep.origins) // 20)], LIDAR_SPURS), cloud
 

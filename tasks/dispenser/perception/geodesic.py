@@ -8,6 +8,7 @@ import numpy as np
 
 from grape.errors import InvalidInput
 from grape.messages import Array
+from grape.perception.cloud import voxel_grid
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,6 +16,7 @@ class GeodesicOptions:
     """The graph and its layers.
 
     Args:
+        voxel_m: the cloud is thinned to this first; 0 takes it as it is.
         neighbours: of each point.
         edge_m: longest edge.
         layer_m: thickness of a layer of equal geodesic distance.
@@ -24,6 +26,7 @@ class GeodesicOptions:
         min_rise: smallest upward part of the direction (sine of its elevation).
     """
 
+    voxel_m: float = 0.003
     neighbours: int = 10
     edge_m: float = 0.009
     layer_m: float = 0.010
@@ -56,6 +59,8 @@ def geodesic_candidates(points: Array, up: Array, options: GeodesicOptions | Non
     from grape.perception.neighbour_kernels import nearest
     from grape.tasks.dispenser.perception.geodesic_kernels import both_ways, distance_from, longest_children, parents
 
+    if options.voxel_m > 0:
+        points = voxel_grid(points, options.voxel_m)
     points = np.ascontiguousarray(points, dtype=np.float64)
     start, other, length = both_ways(*nearest(points, options.edge_m, options.neighbours))
     distance = distance_from(_lowest(start, other, points @ up, options), start, other, length)

@@ -16,7 +16,13 @@ from grape.errors import InvalidInput
 from grape.messages import Array
 from grape.perception.checks import as_points, as_unit
 from grape.perception.cloud import outlier_mask, voxel_grid
-from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose, ScoreOptions, SpurMeasure, score_factors
+from grape.tasks.dispenser.perception.deployment_pose import (
+    DeploymentPose,
+    ScoreOptions,
+    SpurMeasure,
+    ramp,
+    score_factors,
+)
 from grape.tasks.dispenser.perception.geodesic import GeodesicOptions, geodesic_candidates
 from grape.tasks.dispenser.perception.silhouette import SilhouetteOptions, silhouette_candidates
 from grape.tasks.dispenser.perception.spur_measure import RefineOptions, Surroundings, measure_spur
@@ -191,28 +197,36 @@ class MergeOptions:
         group_m, group_cos: poses of one spur have tips this near and directions with at least this cosine.
         support: views that give full weight; a spur that fewer saw keeps `single` to 1 of its mean score.
         single: weight of a spur that one view saw.
+        agreement: views that found a spur, relative to those that should have: without weight up to the first, with
+            full weight from the second.
         min_score: poses with less are left out.
     """
 
     group_m: float = 0.025
     group_cos: float = 0.85
     support: int = 3
-    single: float = 0.6
+    single: float = 0.7
+    agreement: tuple[float, float] = (0.35, 0.7)
     min_score: float = 0.3
 
     def __post_init__(self) -> None:
-        if self.group_m <= 0 or self.support < 1 or not 0 < self.single <= 1:
+        low, high = self.agreement
+        if self.group_m <= 0 or self.support < 1 or not 0 < self.single <= 1 or not low < high:
             raise InvalidInput(f"merge options must be positive, got {self}")
 
 
 def merge_poses(
-    views: Sequence[Sequence[DeploymentPose]], options: MergeOptions | None = None
+    views: Sequence[Sequence[DeploymentPose]],
+    options: MergeOptions | None = None,
+    shows: Sequence[Callable[[DeploymentPose], float]] = (),
 ) -> tuple[DeploymentPose, ...]:
     """Poses of several views in one frame, best first: medians of those that belong to one spur.
 
     Args:
         views: what `extract_poses` gave for each view; all in one frame.
         options: see `MergeOptions`.
+        shows: for each view, how sure (0...1) it should have shown a spur; a spur that few of those views found loses.
+            Without, views are not asked.
     """
     options = options or MergeOptions()
     groups: list[list[DeploymentPose]] = []
@@ -225,12 +239,21 @@ def merge_poses(
         else:
             groups.append([pose])
     full = min(options.support, max(len(views), 1))
-    merged = [_merge_group(group, full, options.single) for group in groups]
+    merged = [_merge_group(group, _weights(group, full, shows, options)) for group in groups]
     return _best_of_groups(merged, options.min_score, options.group_m)
 
 
-def _merge_group(group: list[DeploymentPose], full: int, single: float) -> DeploymentPose:
-    weight = 1.0 if full == 1 else min(1.0, single + (1.0 - single) * (len(group) - 1) / (full - 1))
+def _weights(
+    group: list[DeploymentPose], full: int, shows: Sequence[Callable[[DeploymentPose], float]], options: MergeOptions
+) -> dict[str, float]:
+    """Factors of how many views found a spur, and which share of those that should have."""
+    rise = 1.0 if full == 1 else min(1.0, (len(group) - 1) / (full - 1))
+    expected = max(sum(view(group[0]) for view in shows), 1.0)
+    agreement = ramp(len(group) / expected, *options.agreement) if shows else 1.0
+    return {"support": options.single + (1.0 - options.single) * rise, "agreement": agreement}
+
+
+def _merge_group(group: list[DeploymentPose], weights: dict[str, float]) -> DeploymentPose:
     names = group[0].factors
     factors = {name: float(np.mean([p.factors.get(name, 1.0) for p in group])) for name in names}
     return replace(
@@ -240,7 +263,7 @@ def _merge_group(group: list[DeploymentPose], full: int, single: float) -> Deplo
         direction=np.median([p.direction for p in group], axis=0),
         diameter_m=float(np.median([p.diameter_m for p in group])),
         length_m=float(np.median([p.length_m for p in group])),
-        score=float(np.mean([p.score for p in group])) * weight,
-        factors={**factors, "support": weight},
+        score=float(np.mean([p.score for p in group]) * np.prod(list(weights.values()))),
+        factors={**factors, **weights},
         frames=sum(p.frames for p in group),
     )
