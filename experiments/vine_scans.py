@@ -26,7 +26,7 @@ from grape.sim.physics import STEPS_PER_SECOND, Physics, Replica
 from grape.sim.raycast import Raycaster
 from grape.sim.worlds import VineyardOptions, World, generate_vineyard
 from grape.tasks.dispenser.actions.drive_to_plant import ARM_SIDE_M, DriveToPlantGoal
-from grape.tasks.dispenser.actions.scan_vine import SWEEP, ScanVineGoal, VineScan, sweep_line
+from grape.tasks.dispenser.actions.scan_vine import SWEEP, ScanVineGoal, VineScan, sweep_path
 from grape.tasks.dispenser.row import GROUND_CLEARANCE_M
 
 VINES = 3  # in the row; the scanned one has neighbours, or a post, on its sides
@@ -165,10 +165,8 @@ class _Sensors:
     def sweep(self, T_map_base: Array, robot: Robot, goal: ScanVineGoal, row_y: float) -> None:
         """Puts the robot's hand along the line of a scan and keeps what its sensors see."""
         self.T_map_base = T_map_base
-        duration = 2 * goal.half_length_m / goal.speed
-        steps = int(duration / TIM561.period_s) + 1
-        wanted = list(np.rint(np.linspace(0, steps - 1, goal.images)).astype(int))
-        path = _joint_path(robot, goal, row_y, steps)
+        path = _joint_path(robot, goal, row_y)
+        wanted = list(np.rint(np.linspace(0, len(path) - 1, goal.images)).astype(int))
         data = self._physics.data
         data.qpos[:] = self._physics.model.qpos0
         self._put_base(T_map_base)
@@ -195,19 +193,16 @@ class _Sensors:
         physics.data.qpos[address + 3 : address + 7] = rotation_to_quaternion(T_map_base[:3, :3])
 
 
-def _joint_path(robot: Robot, goal: ScanVineGoal, row_y: float, steps: int) -> Array:
-    """Joint angles (steps, n) along the line of a scan."""
-    first, last = (robot.in_arm_base(T) for T in sweep_line(goal, DESCRIPTION.arm.T_base_link_arm_base, row_y))
-    line = np.array([pose(first[:3, :3], first[:3, 3] + s * (last[:3, 3] - first[:3, 3])) for s in _unit(steps)])
-    for solution in inverse_all(robot.arm, line[0], DESCRIPTION.arm.poses["ready_left_fore"]):
-        path = inverse_path(robot.arm, line, solution.q)
-        if path is not None:
-            return path
+def _joint_path(robot: Robot, goal: ScanVineGoal, row_y: float) -> Array:
+    """Joint angles (steps, n) along the way of a scan, one for each turn of the LiDAR."""
+    sweep = sweep_path(goal, DESCRIPTION.arm.T_base_link_arm_base, row_y)
+    line = np.array([robot.in_arm_base(sweep.at(t)) for t in np.arange(0.0, sweep.times[-1], TIM561.period_s)])
+    for way in (line, line[::-1]):
+        for solution in inverse_all(robot.arm, way[0], DESCRIPTION.arm.poses["ready_left_fore"]):
+            path = inverse_path(robot.arm, way, solution.q)
+            if path is not None:
+                return path
     raise InvalidInput(f"no arm posture follows the scan of {goal}")
-
-
-def _unit(steps: int) -> Array:
-    return np.linspace(0.0, 1.0, steps)
 
 
 def _wander(steps: int, errors: ScanErrors, rng: np.random.Generator) -> list[Array]:

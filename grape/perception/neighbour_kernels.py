@@ -35,8 +35,8 @@ def into_cells(points, cell_m):  # type: ignore[no-untyped-def]
     keys, slots = np.empty(n, np.int64), np.empty(n, np.int64)
     start = np.zeros(size + 1, np.int64)
     for i in range(n):
-        x, y = int(math.floor(points[i, 0] / cell_m)), int(math.floor(points[i, 1] / cell_m))
-        keys[i] = _key(x, y, int(math.floor(points[i, 2] / cell_m)))
+        x, y = math.floor(points[i, 0] / cell_m), math.floor(points[i, 1] / cell_m)
+        keys[i] = _key(x, y, math.floor(points[i, 2] / cell_m))
         slots[i] = _slot(keys[i], size)
         start[slots[i] + 1] += 1
     for s in range(size):
@@ -52,7 +52,7 @@ def into_cells(points, cell_m):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _around(key, keys, start, found):  # type: ignore[no-untyped-def]
-    """Writes the sorted rows of the 27 cells round the cell `key` into `found`, which grows; returns it and their number."""
+    """The sorted rows of the points in the 27 cells round the cell `key`, written into `found`, and their number."""
     size, n = len(start) - 1, 0
     x, y, z = (key >> 42) - _OFFSET, ((key >> 21) & 0x1FFFFF) - _OFFSET, (key & 0x1FFFFF) - _OFFSET
     for dx in range(-1, 2):

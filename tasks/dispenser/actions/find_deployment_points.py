@@ -14,12 +14,12 @@ from grape.errors import ActionFailed, Reason
 from grape.geometry import transform
 from grape.messages import Array
 from grape.perception.cloud import crop_mask, image_to_points, voxel_grid
-from grape.perception.sweep import debias, range_bias, smooth_sweep
+from grape.perception.sweep import Sweep, debias, range_bias, smooth_sweep
 from grape.tasks.dispenser.actions.scan_vine import VineScan
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
 from grape.tasks.dispenser.perception.depth_view import DepthView
-from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, extract_poses, merge_poses
-from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, row_distance
+from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, MergeOptions, extract_poses, merge_poses, rank
+from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, plant_in_base
 from grape.tasks.dispenser.targets import HangTarget, hang_line
 
 OWN_HAND = (np.array([-0.13, -0.13, -0.30]), np.array([0.13, 0.13, 0.10]))  # m, corners in the hand's frame
@@ -61,7 +61,7 @@ def find_deployment_points(
     goal: FindDeploymentPointsGoal, ctx: Context
 ) -> Generator[Feedback, None, FindDeploymentPointsResult]:
     """Extracts spurs from the scan, ranks them and keeps those that the hand reaches without touching the vine."""
-    poses, cloud = yield from ctx.jobs.run(extract, goal, row_distance(ctx, goal.plant))
+    poses, cloud = yield from ctx.jobs.run(extract, goal, plant_in_base(ctx, goal.plant))
     ctx.world.committed[OBSTACLES] = Obstacles(cloud)
     ctx.log.event(
         "deployment_poses",
@@ -84,36 +84,45 @@ def find_deployment_points(
     return FindDeploymentPointsResult(targets=tuple(targets))
 
 
-def extract(goal: FindDeploymentPointsGoal, row_y: float) -> tuple[tuple[DeploymentPose, ...], Array]:
+def extract(goal: FindDeploymentPointsGoal, foot: Array) -> tuple[tuple[DeploymentPose, ...], Array]:
     """Spurs of a scan in base_link, best first, and the cloud of all that was seen near the arm.
 
     Depth frames give the geometry: poses are extracted from each and merged. The LiDAR, its range error taken out
-    against the depth frames, fills in where the camera saw nothing; it is the only source when no frame came.
+    against the depth frames, adds spurs that lie in no frame; it is the only source when no frame came.
 
     Args:
         goal: scan and limits.
-        row_y: m, distance of the row's line to the left of base_link.
+        foot: (2,) m or more, where the trunk stands, in base_link.
     """
     scan = goal.scan
-    low = np.array([-2.0, row_y - goal.depth_m, goal.height_m[0] - GROUND_CLEARANCE_M])
-    high = np.array([2.0, row_y + goal.depth_m, goal.height_m[1] - GROUND_CLEARANCE_M])
+    reach = np.array([goal.half_width_m, goal.depth_m])
+    low, high = (
+        np.array([*(foot[:2] + side * reach), height - GROUND_CLEARANCE_M])
+        for side, height in zip((-1, 1), goal.height_m, strict=True)
+    )
     frames, views, found = [], [], []
     for image, T_base_camera in zip(scan.images, scan.T_base_camera, strict=True):
         points = transform(T_base_camera, _without_hand(image_to_points(image), scan.T_hand_camera))
-        frames.append(points)
-        vine = points[crop_mask(points, low, high)]
         view = DepthView(image=image, T_base_camera=T_base_camera)
-        found.append([pose for pose in extract_poses(vine, T_base_camera[None, :3, 3]) if view.inside(pose)])
+        poses = extract_poses(points[crop_mask(points, low, high)], T_base_camera[None, :3, 3])
+        frames.append(points)
         views.append(view)
+        found.append([pose for pose in poses if view.inside(pose)])
     camera = voxel_grid(np.vstack(frames), 0.005) if frames else np.empty((0, 3))
     sweep = smooth_sweep(scan.sweep)
     bias = range_bias(sweep, camera)
-    lidar = (sweep if bias is None else debias(sweep, bias)).points
-    cloud = voxel_grid(np.vstack([camera, lidar]), 0.005) if len(lidar) else camera
-    if frames:
-        return merge_poses(found, shows=[view.shows for view in views]), cloud
-    vine = lidar[crop_mask(lidar, low, high)]
-    return extract_poses(vine, sweep.origins[:: max(1, len(sweep.origins) // 20)], LIDAR_SPURS), cloud
+    sweep = sweep if bias is None else debias(sweep, bias)
+    cloud = voxel_grid(np.vstack([camera, sweep.points]), 0.005) if len(sweep.points) else camera
+    poses = merge_poses(found, shows=[view.shows for view in views])
+    if not frames or bias is not None:
+        more = extract_poses(sweep.points[crop_mask(sweep.points, low, high)], _places(sweep), LIDAR_SPURS)
+        poses = rank([*poses, *(p for p in more if not any(view.shows(p) for view in views))], MergeOptions().min_score)
+    return poses, cloud
+
+
+def _places(sweep: Sweep, most: int = 20) -> Array:
+    """(k, 3) some of the sensor's places; a sweep without returns has one, which does not matter."""
+    return sweep.origins[:: max(1, len(sweep.origins) // most)] if len(sweep.origins) else np.zeros((1, 3))
 
 
 def _without_hand(points: Array, T_hand_camera: Array) -> Array:

@@ -37,7 +37,7 @@ class DepthView:
         return bool(((z > 0) & (u > m) & (u < w - 1 - m) & (v > m) & (v < h - 1 - m)).all())
 
     def shows(self, pose: DeploymentPose) -> float:
-        """How sure the frame should have shown the spur: 1 in plain view, 0.5 behind something, 0 out of the picture."""
+        """How sure the frame should have shown a spur: 1 in plain view, 0.5 behind something, 0 out of it."""
         if not self.inside(pose):
             return 0.0
         u, v, z = self._project(pose)

@@ -37,7 +37,7 @@ def both_ways(index, distance):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def parts(start, other, group):  # type: ignore[no-untyped-def]
-    """(n,) number of the connected part of each point; edges count within one group alone, points of group -1 are in none.
+    """(n,) connected part of each point, and how many; edges count within a group alone, group -1 is in no part.
 
     Args:
         start, other: edges, see `both_ways`.

@@ -235,7 +235,12 @@ def stem_width(points, tip, length_m, axes, depth_m, gap_m):  # type: ignore[no-
             offset[k] = points[i, k] - tip[k]
         along = -dot(offset, axes[0])
         lateral[i] = dot(offset, axes[1])
-        if along > 0.004 and along < length_m - BIN_M and abs(lateral[i]) < 0.035 and abs(dot(offset, axes[2])) < depth_m:
+        if (
+            along > 0.004
+            and along < length_m - BIN_M
+            and abs(lateral[i]) < 0.035
+            and abs(dot(offset, axes[2])) < depth_m
+        ):
             slices[i] = int(along / BIN_M)
     widths, total = np.empty(BINS), 0
     for b in range(min(BINS, int(length_m / BIN_M) + 1)):

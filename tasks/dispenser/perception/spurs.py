@@ -73,7 +73,7 @@ LIDAR_SPURS = SpurOptions(
         lateral_m=0.014,
         depth_m=0.025,
         wide_m=0.028,
-        gap_m=0.007,
+        gap_m=0.012,
         tip_beyond_m=-0.003,
         diameter_bias_m=0.002,
         depth_share=0.35,
@@ -124,7 +124,7 @@ def extract_poses(
             found.append((spur, score_factors(spur, up, 1.0 if reach is None else reach(spur.tip), options.score)))
         report(60.0 + 40.0 * (k + 1) / len(candidates))
     report(100.0)
-    return _best_of_groups([_pose_of(*pair) for pair in found], options.min_score, options.group_m)
+    return rank([_pose_of(*pair) for pair in found], options.min_score, options.group_m)
 
 
 def _prepare(points: Array, options: SpurOptions) -> Array:
@@ -173,8 +173,8 @@ def _pose_of(spur: SpurMeasure, factors: dict[str, float]) -> DeploymentPose:
     )
 
 
-def _best_of_groups(poses: list[DeploymentPose], min_score: float, group_m: float) -> tuple[DeploymentPose, ...]:
-    """Best first; of poses with near tips, or on one axis within 90 mm, only the best."""
+def rank(poses: Sequence[DeploymentPose], min_score: float = 0.0, group_m: float = 0.025) -> tuple[DeploymentPose, ...]:
+    """Best first; of poses with tips within `group_m`, or on one axis within 90 mm, only the best."""
     kept: list[DeploymentPose] = []
     for pose in sorted((p for p in poses if p.score >= min_score), key=lambda p: -p.score):
         if not any(_same_spur(pose, other, group_m) for other in kept):
@@ -240,7 +240,7 @@ def merge_poses(
             groups.append([pose])
     full = min(options.support, max(len(views), 1))
     merged = [_merge_group(group, _weights(group, full, shows, options)) for group in groups]
-    return _best_of_groups(merged, options.min_score, options.group_m)
+    return rank(merged, options.min_score, options.group_m)
 
 
 def _weights(
