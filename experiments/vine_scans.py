@@ -19,7 +19,7 @@ from grape.messages import Array, LaserScan, RgbdImage
 from grape.navigation.route import RouteOptions, park_beside
 from grape.perception.sweep import Sweep, assemble
 from grape.robots.husky_jaco2 import DESCRIPTION
-from grape.sim.compose import BASE_JOINT, compose, compose_seen
+from grape.sim.compose import BASE_JOINT, compose_seen
 from grape.sim.drivers.camera import CameraOptions, SimulatedCamera
 from grape.sim.drivers.lidar import TIM561, Cast, SimulatedScanner
 from grape.sim.physics import STEPS_PER_SECOND, Physics, Replica
@@ -123,7 +123,7 @@ def scan_simulated_vine(
             T_base_camera=tuple(believed[k] @ _mount("camera_optical") for _, k in sensors.images),
             T_hand_camera=_mount("camera_optical"),
         ),
-        worst=_assembled(_as_bad(sensors.scans, sensors.worst, rng), believed),
+        worst=_assembled(_as_bad(sensors.scans, rng), believed),
         foot=foot,
         spurs=_true_spurs(world, plant, T_map_base, sensors),
     )
@@ -144,27 +144,20 @@ def _park(world: World, plant: str, errors: ScanErrors, rng: np.random.Generator
 
 
 class _Sensors:
-    """Camera and LiDARs of a robot that is put where it should be, step after step."""
+    """Camera and LiDAR of a robot that is put where it should be, step after step."""
 
     def __init__(self, world: World, seed: int) -> None:
-        self._physics = Physics(compose(world, DESCRIPTION, 0))
-        cast: Cast = Raycaster(world).cast
-        self.cast = cast
-        self._camera = SimulatedCamera(
-            self._physics, lambda: compose_seen(world, DESCRIPTION, 0), seed, CameraOptions(latency_s=0.0)
-        )
-        replica = Replica(self._physics.model)
-        worst = replace(TIM561, errors=replace(TIM561.errors, sigma=WORST_SIGMA_M, systematic=0.0))
-        self._lidars = [SimulatedScanner(self._physics, replica, cast, seed, options) for options in (TIM561, worst)]
+        self._physics = Physics(compose_seen(world, DESCRIPTION, 0))
+        self.cast: Cast = Raycaster(world).cast
+        options = CameraOptions(latency_s=0.0)
+        self._camera = SimulatedCamera(self._physics, lambda: self._physics.model, seed, options)
+        self._lidar = SimulatedScanner(self._physics, Replica(self._physics.model), self.cast, seed, TIM561)
         self.scans: list[LaserScan] = []
-        self.worst: list[LaserScan] = []
         self.images: list[tuple[RgbdImage, int]] = []  # with the index of the hand pose
         self.T_base_hand: list[Array] = []
-        self.T_map_base: Array = np.eye(4)
 
     def sweep(self, T_map_base: Array, robot: Robot, goal: ScanVineGoal, row_y: float) -> None:
         """Puts the robot's hand along the line of a scan and keeps what its sensors see."""
-        self.T_map_base = T_map_base
         path = _joint_path(robot, goal, row_y)
         wanted = list(np.rint(np.linspace(0, len(path) - 1, goal.images)).astype(int))
         data = self._physics.data
@@ -177,11 +170,10 @@ class _Sensors:
         for k, q in enumerate(path):
             data.qpos[arm] = q
             self._physics.clock.step = round(k * TIM561.period_s * STEPS_PER_SECOND)
-            for sensor in (*self._lidars, self._camera):
-                sensor.sample()
-            for lidar, scans in zip(self._lidars, (self.scans, self.worst), strict=True):
-                scans.append(lidar.latest())
+            self._lidar.sample()
+            self.scans.append(self._lidar.latest())
             if k in wanted:
+                self._camera.sample()
                 self.images.append((self._camera.latest(), k))
             self.T_base_hand.append(robot.hand_pose(q))
         self._camera.close()
@@ -220,10 +212,11 @@ def _assembled(scans: list[LaserScan], T_base_hand: list[Array]) -> Sweep:
     return assemble(scans, T, SWEEP)
 
 
-def _as_bad(good: list[LaserScan], noisy: list[LaserScan], rng: np.random.Generator) -> list[LaserScan]:
-    """The noisy scans with the largest systematic error, of either sign."""
+def _as_bad(scans: list[LaserScan], rng: np.random.Generator) -> list[LaserScan]:
+    """The scans with the largest errors that the data sheet allows, the systematic one of either sign."""
+    sigma = float(np.sqrt(WORST_SIGMA_M**2 - TIM561.errors.sigma**2))
     bias = WORST_BIAS_M * rng.choice([-1.0, 1.0])
-    return [replace(scan, ranges=scan.ranges + bias) for scan in noisy]
+    return [replace(s, ranges=s.ranges + bias + sigma * rng.standard_normal(len(s.ranges))) for s in scans]
 
 
 def _true_spurs(world: World, plant: str, T_map_base: Array, sensors: _Sensors) -> tuple[TrueSpur, ...]:

@@ -132,7 +132,11 @@ def test_python_on_a_page_runs(page: str, desk: Path, capsys: pytest.CaptureFixt
     names: dict[str, Any] = {}
     for text in blocks(page, "python"):
         exec(compile(text, page, "exec"), names)
-    expected = {"first_steps.md": "X timeout late", "file_formats.md": "gobelet ['r0v1'"}[page]
+    expected = {
+        "first_steps.md": "X timeout late",
+        "file_formats.md": "gobelet ['r0v1'",
+        "deployment_points.md": "9 mm, score 1.00",
+    }[page]
     assert expected in capsys.readouterr().out
 
 

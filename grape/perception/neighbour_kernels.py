@@ -8,6 +8,9 @@ import numpy as np
 from numba import njit
 
 _OFFSET = 1 << 20  # cells are counted from here, so that keys stay positive
+_NEAREST_FIRST = np.array(  # of 3 x 3 x 3 cells: the middle, faces, edges, corners
+    [13, 4, 10, 12, 14, 16, 22, 1, 3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 25, 0, 2, 6, 8, 18, 20, 24, 26]
+)
 
 
 @njit(cache=True)
@@ -51,46 +54,34 @@ def into_cells(points, cell_m):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _around(key, keys, start, found):  # type: ignore[no-untyped-def]
-    """The sorted rows of the points in the 27 cells round the cell `key`, written into `found`, and their number."""
-    size, n = len(start) - 1, 0
+def _near_cell(key, n):  # type: ignore[no-untyped-def]
+    """Key of the cell beside the cell `key` that is number n of 27, z counting first."""
     x, y, z = (key >> 42) - _OFFSET, ((key >> 21) & 0x1FFFFF) - _OFFSET, (key & 0x1FFFFF) - _OFFSET
-    for dx in range(-1, 2):
-        for dy in range(-1, 2):
-            for dz in range(-1, 2):
-                other = _key(x + dx, y + dy, z + dz)
-                slot = _slot(other, size)
-                for at in range(start[slot], start[slot + 1]):
-                    if keys[at] == other:
-                        if n == len(found):
-                            longer = np.empty(2 * n, np.int64)
-                            longer[:n] = found
-                            found = longer
-                        found[n] = at
-                        n += 1
-    return found, n
+    return _key(x + n // 9 - 1, y + n // 3 % 3 - 1, z + n % 3 - 1)
 
 
 @njit(cache=True)
 def crowded(points, radius_m, neighbours):  # type: ignore[no-untyped-def]
     """(n,) bool: points (n, 3) with at least so many others within a radius."""
     order, keys, start = into_cells(points, radius_m)
-    moved = points[order]
+    moved, size = points[order], len(start) - 1
     result = np.zeros(len(points), np.bool_)
-    found, n = np.empty(256, np.int64), 0
     limit = radius_m * radius_m
     for at in range(len(points)):
-        if at == 0 or keys[at] != keys[at - 1]:
-            found, n = _around(keys[at], keys, start, found)
         count = -1  # the point itself
-        for k in range(n):
-            x, y = moved[found[k], 0] - moved[at, 0], moved[found[k], 1] - moved[at, 1]
-            z = moved[found[k], 2] - moved[at, 2]
-            if x * x + y * y + z * z <= limit:
-                count += 1
+        for c in _NEAREST_FIRST:
+            other = _near_cell(keys[at], c)
+            slot = _slot(other, size)
+            for k in range(start[slot], start[slot + 1]):
+                if keys[k] != other:
+                    continue
+                x, y, z = moved[k, 0] - moved[at, 0], moved[k, 1] - moved[at, 1], moved[k, 2] - moved[at, 2]
+                count += x * x + y * y + z * z <= limit
                 if count >= neighbours:
-                    result[order[at]] = True
                     break
+            if count >= neighbours:
+                result[order[at]] = True
+                break
     return result
 
 
@@ -98,29 +89,36 @@ def crowded(points, radius_m, neighbours):  # type: ignore[no-untyped-def]
 def nearest(points, radius_m, neighbours):  # type: ignore[no-untyped-def]
     """Indices (n, k) of the nearest other points within a radius, -1 where there are fewer, and distances (n, k)."""
     order, keys, start = into_cells(points, radius_m)
-    moved = points[order]
+    moved, size = points[order], len(start) - 1
     index = np.full((len(points), neighbours), -1, np.int64)
     distance = np.full((len(points), neighbours), np.inf)
-    found, n = np.empty(256, np.int64), 0
     squares, rows = np.empty(neighbours), np.empty(neighbours, np.int64)
+    gaps = np.zeros((3, 3))  # squared distance of the point to the cells behind, its own and ahead, along each axis
     for at in range(len(points)):
-        if at == 0 or keys[at] != keys[at - 1]:
-            found, n = _around(keys[at], keys, start, found)
         filled, limit = 0, radius_m * radius_m
-        for k in range(n):
-            x, y = moved[found[k], 0] - moved[at, 0], moved[found[k], 1] - moved[at, 1]
-            z = moved[found[k], 2] - moved[at, 2]
-            square = x * x + y * y + z * z
-            if square > limit or found[k] == at:
+        for k in range(3):
+            inside = moved[at, k] - math.floor(moved[at, k] / radius_m) * radius_m
+            gaps[k, 0], gaps[k, 2] = inside * inside, (radius_m - inside) * (radius_m - inside)
+        for c in _NEAREST_FIRST:
+            if gaps[0, c // 9] + gaps[1, c // 3 % 3] + gaps[2, c % 3] > limit:
                 continue
-            place = min(filled, neighbours - 1)
-            while place > 0 and squares[place - 1] > square:
-                squares[place], rows[place] = squares[place - 1], rows[place - 1]
-                place -= 1
-            squares[place], rows[place] = square, found[k]
-            filled = min(filled + 1, neighbours)
-            if filled == neighbours:
-                limit = squares[neighbours - 1]
+            other = _near_cell(keys[at], c)
+            slot = _slot(other, size)
+            for k in range(start[slot], start[slot + 1]):
+                if keys[k] != other or k == at:
+                    continue
+                x, y, z = moved[k, 0] - moved[at, 0], moved[k, 1] - moved[at, 1], moved[k, 2] - moved[at, 2]
+                square = x * x + y * y + z * z
+                if square > limit:
+                    continue
+                place = min(filled, neighbours - 1)
+                while place > 0 and squares[place - 1] > square:
+                    squares[place], rows[place] = squares[place - 1], rows[place - 1]
+                    place -= 1
+                squares[place], rows[place] = square, k
+                filled = min(filled + 1, neighbours)
+                if filled == neighbours:
+                    limit = squares[neighbours - 1]
         for k in range(filled):
             index[order[at], k], distance[order[at], k] = order[rows[k]], math.sqrt(squares[k])
     return index, distance

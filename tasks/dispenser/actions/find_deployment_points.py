@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -61,7 +61,12 @@ def find_deployment_points(
     goal: FindDeploymentPointsGoal, ctx: Context
 ) -> Generator[Feedback, None, FindDeploymentPointsResult]:
     """Extracts spurs from the scan, ranks them and keeps those that the hand reaches without touching the vine."""
-    poses, cloud = yield from ctx.jobs.run(extract, goal, plant_in_base(ctx, goal.plant))
+    box = vine_box(goal, plant_in_base(ctx, goal.plant))
+    looks: list[Look] = []
+    for k in range(len(goal.scan.images)):
+        looks.append((yield from ctx.jobs.run(look, goal.scan, k, box)))
+        yield Feedback(status="looking for spurs", progress=0.5 * (k + 1) / len(goal.scan.images))
+    poses, cloud = yield from ctx.jobs.run(fuse, looks, goal.scan.sweep, box)
     ctx.world.committed[OBSTACLES] = Obstacles(cloud)
     ctx.log.event(
         "deployment_poses",
@@ -73,7 +78,7 @@ def find_deployment_points(
     )
     targets: list[HangTarget] = []
     for k, found in enumerate(poses):
-        yield Feedback(status="checking which spurs can be reached", progress=k / len(poses))
+        yield Feedback(status="checking which spurs can be reached", progress=0.5 + 0.5 * k / len(poses))
         target = yield from ctx.jobs.run(_reachable, goal, ctx, found)
         if target is not None:
             targets.append(target)
@@ -84,39 +89,55 @@ def find_deployment_points(
     return FindDeploymentPointsResult(targets=tuple(targets))
 
 
-def extract(goal: FindDeploymentPointsGoal, foot: Array) -> tuple[tuple[DeploymentPose, ...], Array]:
-    """Spurs of a scan in base_link, best first, and the cloud of all that was seen near the arm.
+Box = tuple[Array, Array]  # corners (3,) m in base_link
 
-    Depth frames give the geometry: poses are extracted from each and merged. The LiDAR, its range error taken out
-    against the depth frames, adds spurs that lie in no frame; it is the only source when no frame came.
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """What one depth frame shows: its points (n, 3) m in base_link, and the spurs that lie wholly in its picture."""
+
+    view: DepthView
+    points: Array
+    poses: tuple[DeploymentPose, ...]
+
+
+def vine_box(goal: FindDeploymentPointsGoal, foot: Array) -> Box:
+    """What belongs to the vine: its half of the way to its neighbours, off the ground.
 
     Args:
-        goal: scan and limits.
+        goal: with the limits.
         foot: (2,) m or more, where the trunk stands, in base_link.
     """
-    scan = goal.scan
     reach = np.array([goal.half_width_m, goal.depth_m])
-    low, high = (
-        np.array([*(foot[:2] + side * reach), height - GROUND_CLEARANCE_M])
-        for side, height in zip((-1, 1), goal.height_m, strict=True)
-    )
-    frames, views, found = [], [], []
-    for image, T_base_camera in zip(scan.images, scan.T_base_camera, strict=True):
-        points = transform(T_base_camera, _without_hand(image_to_points(image), scan.T_hand_camera))
-        view = DepthView(image=image, T_base_camera=T_base_camera)
-        poses = extract_poses(points[crop_mask(points, low, high)], T_base_camera[None, :3, 3])
-        frames.append(points)
-        views.append(view)
-        found.append([pose for pose in poses if view.inside(pose)])
-    camera = voxel_grid(np.vstack(frames), 0.005) if frames else np.empty((0, 3))
-    sweep = smooth_sweep(scan.sweep)
+    low, high = (height - GROUND_CLEARANCE_M for height in goal.height_m)
+    return np.array([*(foot[:2] - reach), low]), np.array([*(foot[:2] + reach), high])
+
+
+def look(scan: VineScan, k: int, box: Box) -> Look:
+    """Spurs in frame `k` of a scan."""
+    image, T_base_camera = scan.images[k], scan.T_base_camera[k]
+    points = transform(T_base_camera, _without_hand(image_to_points(image), scan.T_hand_camera))
+    view = DepthView(image=image, T_base_camera=T_base_camera)
+    poses = extract_poses(points[crop_mask(points, *box)], T_base_camera[None, :3, 3])
+    return Look(view=view, points=points, poses=tuple(pose for pose in poses if view.inside(pose)))
+
+
+def fuse(looks: Sequence[Look], sweep: Sweep, box: Box) -> tuple[tuple[DeploymentPose, ...], Array]:
+    """Spurs of a scan in base_link, best first, and the cloud (n, 3) m of all that was seen near the arm.
+
+    Depth frames give the geometry: the poses of all of them are merged. The LiDAR, its range error taken out against
+    the depth frames, adds spurs that lie in no frame; it is the only source when no frame came.
+    """
+    camera = voxel_grid(np.vstack([look.points for look in looks]), 0.005) if looks else np.empty((0, 3))
+    sweep = smooth_sweep(sweep)
     bias = range_bias(sweep, camera)
     sweep = sweep if bias is None else debias(sweep, bias)
     cloud = voxel_grid(np.vstack([camera, sweep.points]), 0.005) if len(sweep.points) else camera
-    poses = merge_poses(found, shows=[view.shows for view in views])
-    if not frames or bias is not None:
-        more = extract_poses(sweep.points[crop_mask(sweep.points, low, high)], _places(sweep), LIDAR_SPURS)
-        poses = rank([*poses, *(p for p in more if not any(view.shows(p) for view in views))], MergeOptions().min_score)
+    poses = merge_poses([look.poses for look in looks], shows=[look.view.shows for look in looks])
+    if not looks or bias is not None:
+        more = extract_poses(sweep.points[crop_mask(sweep.points, *box)], _places(sweep), LIDAR_SPURS)
+        hidden = [pose for pose in more if not any(look.view.shows(pose) for look in looks)]
+        poses = rank([*poses, *hidden], MergeOptions().min_score)
     return poses, cloud
 
 

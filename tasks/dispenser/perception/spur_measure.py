@@ -86,7 +86,7 @@ def measure_spur(tip: Array, direction: Array, scene: Surroundings, options: Ref
         return None
     view = scene.view(tip)
     sizes = options.lateral_m, options.depth_m, options.wide_m, options.iterations
-    axis, member = grow(stem, tip, direction, view, *sizes)
+    axis, member = grow(beside_line(stem, tip, direction, 0.05), tip, direction, view, *sizes)
     if not member.any():
         return None
     tip, base, direction = axis[0] + options.tip_beyond_m * axis[2], axis[1], axis[2]
