@@ -221,12 +221,8 @@ def beside_line(points, place, direction, radius_m):  # type: ignore[no-untyped-
 def stem_width(points, tip, length_m, axes, depth_m, gap_m):  # type: ignore[no-untyped-def]
     """35th percentile over slices of the contiguous width round the axis: buds and knobs are left out; 0 without any.
 
-    Args:
-        points: (n, 3) m.
-        tip: (3,) m; the stem goes `length_m` down from there.
-        axes: (3, 3) rows: direction, lateral, depth.
-        depth_m: points farther along the view are left out.
-        gap_m: a lateral gap this wide ends the stem.
+    Args: tip: (3,) m, `length_m` over the base; axes: (3, 3) rows direction, lateral, depth; depth_m: of points
+        that count, along the view; gap_m: a lateral gap this wide ends the stem.
     """
     n = len(points)
     slices, lateral, offset = np.full(n, -1, np.int64), np.empty(n), np.empty(3)
