@@ -30,6 +30,10 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         ROBOTS: {"husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION"},
         WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
         EXPERIMENTS: {
+            "G8": "grape.experiments.g8_deployment_points:EXPERIMENT",
+            "G10": "grape.experiments.g10_servoing:EXPERIMENT",
+            "G12": "grape.experiments.g12_nail_servoing:EXPERIMENT",
+            "G13": "grape.experiments.g13_spur_servoing:EXPERIMENT",
             "G9": "grape.experiments.deployments:G9",
             "G11": "grape.experiments.deployments:G11",
             "G12-hanging": "grape.experiments.deployments:G12",

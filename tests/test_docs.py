@@ -143,6 +143,7 @@ def test_python_on_a_page_runs(page: str, desk: Path, capsys: pytest.CaptureFixt
         "first_steps.md": "X timeout late",
         "file_formats.md": "gobelet ['r0v1'",
         "proving_figures.md": "arm states without a collision",
+        "deployment_points.md": "9 mm, score 1.00",
     }[page]
     assert expected in capsys.readouterr().out
 

@@ -157,10 +157,9 @@ def outlier_mask(points: Array, radius_m: float, neighbours: int) -> Array:
         raise InvalidInput(f"radius_m and neighbours must be positive, got {radius_m} and {neighbours}")
     if len(points) <= neighbours:
         return np.zeros(len(points), bool)
-    from scipy.spatial import cKDTree
+    from grape.perception.neighbour_kernels import crowded
 
-    distances, _ = cKDTree(points).query(points, k=[neighbours + 1], distance_upper_bound=radius_m)
-    return np.isfinite(distances[:, 0])
+    return crowded(np.ascontiguousarray(points), radius_m, neighbours)
 
 
 def remove_outliers(points: Array, radius_m: float, neighbours: int) -> Array:

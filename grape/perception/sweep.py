@@ -116,13 +116,13 @@ class SmoothOptions:
 
     Args:
         scans, beams: half-size of the window.
-        gate_m: returns whose ranges differ by more belong to another surface; about 3 standard deviations of the noise.
+        gate_m: returns whose ranges differ by more belong to another surface; noise and slanting surfaces need room.
         neighbours: returns with fewer neighbours (3 x 5 window, 0.6 of the gate) are dropped as mixed pixels.
     """
 
     scans: int = 1
     beams: int = 2
-    gate_m: float = 0.02
+    gate_m: float = 0.03
     neighbours: int = 4
 
     def __post_init__(self) -> None:

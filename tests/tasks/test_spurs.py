@@ -5,7 +5,9 @@ import pytest
 
 from grape.errors import InvalidInput
 from grape.geometry import pose, rotation_from_rpy, transform
+from grape.messages import CameraInfo, RgbdImage
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose, ScoreOptions, SpurMeasure, score_factors
+from grape.tasks.dispenser.perception.depth_view import DepthView
 from grape.tasks.dispenser.perception.geodesic import GeodesicOptions, geodesic_candidates
 from grape.tasks.dispenser.perception.silhouette import silhouette_candidates
 from grape.tasks.dispenser.perception.spur_measure import RefineOptions
@@ -197,8 +199,36 @@ def test_what_one_of_many_views_saw_loses_and_may_drop_out():
     seen, once = a_pose(), a_pose((0.3, 0, 0.9), score=0.85)
     merged = merge_poses([[seen, once], [seen], [seen]])
     assert [p.frames for p in merged] == [3, 1]
-    assert merged[1].score == pytest.approx(0.85 * 0.6)
+    assert merged[1].score == pytest.approx(0.85 * 0.7)
     assert len(merge_poses([[seen, once], [seen], [seen]], MergeOptions(min_score=0.6))) == 1
+
+
+def test_a_spur_that_few_of_the_views_that_should_have_shown_it_found_drops_out():
+    seen, once = a_pose(), a_pose((0.3, 0, 0.9))
+    views = [[seen, once], [seen], [seen], [seen]]
+    alone = merge_poses(views, shows=[lambda pose: 1.0, *[lambda pose: float(pose.tip[0] < 0.2)] * 3])
+    assert [p.frames for p in alone] == [4, 1], "no other view looked there"
+    assert alone[1].factors["agreement"] == 1.0
+    doubtful = merge_poses(views, shows=[lambda pose: 1.0, *[lambda pose: 0.2] * 3])
+    assert 0 < doubtful[1].factors["agreement"] < 1.0 and doubtful[1].score < alone[1].score
+    assert [p.frames for p in merge_poses(views, shows=[lambda pose: 1.0] * 4)] == [4]
+
+
+def test_a_depth_frame_tells_what_it_should_have_shown():
+    K = np.array([[466.0, 0, 319.5], [0, 466.0, 239.5], [0, 0, 1]])
+    T = pose(np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]), (0.0, -0.5, 0.9))  # looks along y
+    info = CameraInfo(stamp=0.0, width=640, height=480, K=K)
+
+    def view(depth):
+        image = RgbdImage(stamp=0.0, bgr=np.zeros((480, 640, 3), np.uint8), depth=np.float32(depth), info=info)
+        return DepthView(image=image, T_base_camera=T)
+
+    plain = view(np.full((480, 640), 0.6))
+    assert plain.shows(a_pose()) == 1.0
+    assert plain.shows(a_pose((0.33, 0, 0.9))) == 0.0, "at the picture's edge"
+    assert plain.shows(a_pose((0.0, -0.8, 0.9))) == 0.0, "behind the camera"
+    assert view(np.full((480, 640), 0.4)).shows(a_pose()) == 0.5, "something is in front"
+    assert view(np.zeros((480, 640))).shows(a_pose()) == 0.5, "nothing was measured"
 
 
 def test_crossing_spurs_with_near_tips_stay_apart_in_one_view_only_the_better_remains():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +14,12 @@ from grape.errors import ActionFailed, Reason
 from grape.geometry import transform
 from grape.messages import Array
 from grape.perception.cloud import crop_mask, image_to_points, voxel_grid
-from grape.perception.sweep import debias, range_bias, smooth_sweep
+from grape.perception.sweep import Sweep, debias, range_bias, smooth_sweep
 from grape.tasks.dispenser.actions.scan_vine import VineScan
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
-from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, extract_poses, merge_poses
-from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, row_distance
+from grape.tasks.dispenser.perception.depth_view import DepthView
+from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, MergeOptions, extract_poses, merge_poses, rank
+from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, plant_in_base
 from grape.tasks.dispenser.targets import HangTarget, hang_line
 
 OWN_HAND = (np.array([-0.13, -0.13, -0.30]), np.array([0.13, 0.13, 0.10]))  # m, corners in the hand's frame
@@ -60,7 +61,12 @@ def find_deployment_points(
     goal: FindDeploymentPointsGoal, ctx: Context
 ) -> Generator[Feedback, None, FindDeploymentPointsResult]:
     """Extracts spurs from the scan, ranks them and keeps those that the hand reaches without touching the vine."""
-    poses, cloud = yield from ctx.jobs.run(extract, goal, row_distance(ctx, goal.plant))
+    box = vine_box(goal, plant_in_base(ctx, goal.plant))
+    looks: list[Look] = []
+    for k in range(len(goal.scan.images)):
+        looks.append((yield from ctx.jobs.run(look, goal.scan, k, box)))
+        yield Feedback(status="looking for spurs", progress=0.5 * (k + 1) / len(goal.scan.images))
+    poses, cloud = yield from ctx.jobs.run(fuse, looks, goal.scan.sweep, box)
     ctx.world.committed[OBSTACLES] = Obstacles(cloud)
     ctx.log.event(
         "deployment_poses",
@@ -72,7 +78,7 @@ def find_deployment_points(
     )
     targets: list[HangTarget] = []
     for k, found in enumerate(poses):
-        yield Feedback(status="checking which spurs can be reached", progress=k / len(poses))
+        yield Feedback(status="checking which spurs can be reached", progress=0.5 + 0.5 * k / len(poses))
         target = yield from ctx.jobs.run(_reachable, goal, ctx, found)
         if target is not None:
             targets.append(target)
@@ -83,34 +89,61 @@ def find_deployment_points(
     return FindDeploymentPointsResult(targets=tuple(targets))
 
 
-def extract(goal: FindDeploymentPointsGoal, row_y: float) -> tuple[tuple[DeploymentPose, ...], Array]:
-    """Spurs of a scan in base_link, best first, and the cloud of all that was seen near the arm.
+Box = tuple[Array, Array]  # corners (3,) m in base_link
 
-    Depth frames give the geometry: poses are extracted from each and merged. The LiDAR, its range error taken out
-    against the depth frames, fills in where the camera saw nothing; it is the only source when no frame came.
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Look:
+    """What one depth frame shows: its points (n, 3) m in base_link, and the spurs that lie wholly in its picture."""
+
+    view: DepthView
+    points: Array
+    poses: tuple[DeploymentPose, ...]
+
+
+def vine_box(goal: FindDeploymentPointsGoal, foot: Array) -> Box:
+    """What belongs to the vine: its half of the way to its neighbours, off the ground.
 
     Args:
-        goal: scan and limits.
-        row_y: m, distance of the row's line to the left of base_link.
+        goal: with the limits.
+        foot: (2,) m or more, where the trunk stands, in base_link.
     """
-    scan = goal.scan
-    low = np.array([-2.0, row_y - goal.depth_m, goal.height_m[0] - GROUND_CLEARANCE_M])
-    high = np.array([2.0, row_y + goal.depth_m, goal.height_m[1] - GROUND_CLEARANCE_M])
-    frames, views = [], []
-    for image, T_base_camera in zip(scan.images, scan.T_base_camera, strict=True):
-        points = transform(T_base_camera, _without_hand(image_to_points(image), scan.T_hand_camera))
-        frames.append(points)
-        vine = points[crop_mask(points, low, high)]
-        views.append(extract_poses(vine, T_base_camera[None, :3, 3]))
-    camera = voxel_grid(np.vstack(frames), 0.005) if frames else np.empty((0, 3))
-    sweep = smooth_sweep(scan.sweep)
+    reach = np.array([goal.half_width_m, goal.depth_m])
+    low, high = (height - GROUND_CLEARANCE_M for height in goal.height_m)
+    return np.array([*(foot[:2] - reach), low]), np.array([*(foot[:2] + reach), high])
+
+
+def look(scan: VineScan, k: int, box: Box) -> Look:
+    """Spurs in frame `k` of a scan."""
+    image, T_base_camera = scan.images[k], scan.T_base_camera[k]
+    points = transform(T_base_camera, _without_hand(image_to_points(image), scan.T_hand_camera))
+    view = DepthView(image=image, T_base_camera=T_base_camera)
+    poses = extract_poses(points[crop_mask(points, *box)], T_base_camera[None, :3, 3])
+    return Look(view=view, points=points, poses=tuple(pose for pose in poses if view.inside(pose)))
+
+
+def fuse(looks: Sequence[Look], sweep: Sweep, box: Box) -> tuple[tuple[DeploymentPose, ...], Array]:
+    """Spurs of a scan in base_link, best first, and the cloud (n, 3) m of all that was seen near the arm.
+
+    Depth frames give the geometry: the poses of all of them are merged. The LiDAR, its range error taken out against
+    the depth frames, adds spurs that lie in no frame; it is the only source when no frame came.
+    """
+    camera = voxel_grid(np.vstack([look.points for look in looks]), 0.005) if looks else np.empty((0, 3))
+    sweep = smooth_sweep(sweep)
     bias = range_bias(sweep, camera)
-    lidar = (sweep if bias is None else debias(sweep, bias)).points
-    cloud = voxel_grid(np.vstack([camera, lidar]), 0.005) if len(lidar) else camera
-    if frames:
-        return merge_poses(views), cloud
-    vine = lidar[crop_mask(lidar, low, high)]
-    return extract_poses(vine, sweep.origins[:: max(1, len(sweep.origins) // 20)], LIDAR_SPURS), cloud
+    sweep = sweep if bias is None else debias(sweep, bias)
+    cloud = voxel_grid(np.vstack([camera, sweep.points]), 0.005) if len(sweep.points) else camera
+    poses = merge_poses([look.poses for look in looks], shows=[look.view.shows for look in looks])
+    if not looks or bias is not None:
+        more = extract_poses(sweep.points[crop_mask(sweep.points, *box)], _places(sweep), LIDAR_SPURS)
+        hidden = [pose for pose in more if not any(look.view.shows(pose) for look in looks)]
+        poses = rank([*poses, *hidden], MergeOptions().min_score)
+    return poses, cloud
+
+
+def _places(sweep: Sweep, most: int = 20) -> Array:
+    """(k, 3) some of the sensor's places; a sweep without returns has one, which does not matter."""
+    return sweep.origins[:: max(1, len(sweep.origins) // most)] if len(sweep.origins) else np.zeros((1, 3))
 
 
 def _without_hand(points: Array, T_hand_camera: Array) -> Array:

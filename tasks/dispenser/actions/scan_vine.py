@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -12,12 +13,15 @@ from grape.actions.hand_path import follow_hand_path
 from grape.actions.move_arm import move_to_pose
 from grape.actions.servoing import camera_mount
 from grape.errors import ActionFailed, Reason, StaleData
-from grape.geometry import pose, rotation_x, rotation_z
+from grape.geometry import interpolate, pose, pose_error, rotation_x, rotation_z
 from grape.messages import Array, LaserScan, RgbdImage
 from grape.perception.sweep import AssembleOptions, Sweep, assemble
 from grape.tasks.dispenser.row import row_boxes, row_distance
 
 WRIST_LIDAR = "wrist_lidar"
+NEAREST_M = 0.22  # of the hand to the arm's base, across the row: nearer there is no arm posture
+TURN_RATE = 0.3  # rad/s, between the passes
+SWEEP = AssembleOptions(range_m=(0.30, 1.2), bearing_rad=(-1.3, 1.3))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,16 +35,21 @@ class ScanVineGoal:
         pitch: rad, hand tilted from pointing down towards the row; it is rolled so that the camera looks over it.
         stand_off_m: of the hand's origin from the row's line.
         height_m: of the hand over the arm's base.
+        return_pitch, return_stand_off_m, return_height_m: the same for the way back, which looks down into the vine, at
+            low and near wood that is under the first pictures. Pitch 0: there is no way back.
         images: depth frames kept along the sweep.
     """
 
     plant: str
     half_length_m: float = 0.34
-    speed: float = 0.07
+    speed: float = 0.10
     pitch: float = np.radians(80.0)
     stand_off_m: float = 0.44
     height_m: float = 0.40
-    images: int = 8
+    return_pitch: float = np.radians(60.0)
+    return_stand_off_m: float = 0.48
+    return_height_m: float = 0.35
+    images: int = 12
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,24 +72,16 @@ class ScanVineResult:
 @action("ScanVine")
 def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, ScanVineResult]:
     """Moves the wrist along the vine in a straight line at constant orientation and keeps LiDAR scans and frames."""
-    T_first, T_last = _line(goal, ctx)
+    path = sweep_path(goal, ctx.robot.description.arm.T_base_link_arm_base, row_distance(ctx, goal.plant))
     with ctx.arm.lease("ScanVine") as arm, ctx.gripper.lease("ScanVine") as gripper:
         closed = ctx.robot.description.gripper.closed_angle
         gripper.send(np.array([ctx.robot.description.gripper.thumb_clear, closed, closed]))
-        yield from move_to_pose(
-            ctx, arm, (T_first, T_last), either_end=True, status="moving to the scan", boxes=row_boxes(ctx, goal.plant)
+        begin = yield from move_to_pose(
+            ctx, arm, path.poses, either_end=True, status="moving to the scan", boxes=row_boxes(ctx, goal.plant)
         )
-        start = ctx.robot.hand_pose(ctx.world.joints())
-        forward = np.linalg.norm(start[:3, 3] - T_first[:3, 3]) < np.linalg.norm(start[:3, 3] - T_last[:3, 3])
-        T_from, T_to = (T_first, T_last) if forward else (T_last, T_first)
+        path = path if begin == 0 else path.backwards()
         collector = _Collector(ctx, goal.images)
-        duration = float(np.linalg.norm(T_to[:3, 3] - T_from[:3, 3])) / goal.speed
-
-        def pose_at(t: float) -> Array:
-            s = t / duration
-            return pose(T_from[:3, :3], (1 - s) * T_from[:3, 3] + s * T_to[:3, 3])
-
-        motion = follow_hand_path(ctx, arm, pose_at, duration, status="scanning")
+        motion = follow_hand_path(ctx, arm, path.at, path.times[-1], status="scanning")
         try:
             while True:
                 feedback = next(motion)
@@ -95,14 +96,51 @@ def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, Sca
     return ScanVineResult(scan=scan)
 
 
-def _line(goal: ScanVineGoal, ctx: Context) -> tuple[Array, Array]:
-    """First and last hand pose of the sweep in base_link."""
-    row_y = row_distance(ctx, goal.plant)
-    arm_base = ctx.robot.description.arm.T_base_link_arm_base[:3, 3]
-    R = rotation_x(goal.pitch) @ rotation_z(np.pi)
-    y, z = row_y - goal.stand_off_m, arm_base[2] + goal.height_m
-    first, last = (pose(R, (arm_base[0] + s * goal.half_length_m, y, z)) for s in (-1, 1))
-    return first, last
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SweepPath:
+    """The hand's way along a vine: straight between poses (4, 4) in base_link that it passes at times (s)."""
+
+    poses: tuple[Array, ...]
+    times: tuple[float, ...]
+
+    def at(self, t: float) -> Array:
+        """`T_base_hand` at a time from the start."""
+        k = int(np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2))
+        share = (t - self.times[k]) / (self.times[k + 1] - self.times[k])
+        return interpolate(self.poses[k], self.poses[k + 1], float(np.clip(share, 0.0, 1.0)))
+
+    def backwards(self) -> SweepPath:
+        """The same way from its end."""
+        return SweepPath(
+            poses=tuple(reversed(self.poses)), times=tuple(self.times[-1] - t for t in reversed(self.times))
+        )
+
+
+def sweep_path(goal: ScanVineGoal, T_base_arm: Array, row_y: float) -> SweepPath:
+    """The hand's way of a scan.
+
+    Args:
+        goal: how to scan.
+        T_base_arm: pose of the arm's base in base_link.
+        row_y: m, how far left of base_link the row's line runs.
+    """
+    x, y, z = T_base_arm[:3, 3]
+    passes = [(1, goal.pitch, goal.stand_off_m, goal.height_m)]
+    if goal.return_pitch > 0:
+        passes.append((-1, goal.return_pitch, goal.return_stand_off_m, goal.return_height_m))
+    poses = [
+        pose(
+            rotation_x(pitch) @ rotation_z(np.pi),
+            (x + side * way * goal.half_length_m, max(row_y - stand_off, y + NEAREST_M), z + height),
+        )
+        for way, pitch, stand_off, height in passes
+        for side in (-1, 1)
+    ]
+    steps = [
+        max(np.linalg.norm(error[:3]) / goal.speed, np.linalg.norm(error[3:]) / TURN_RATE)
+        for error in (pose_error(b, a) for a, b in pairwise(poses))
+    ]
+    return SweepPath(poses=tuple(poses), times=(0.0, *(float(t) for t in np.cumsum(steps))))
 
 
 class _Collector:
@@ -142,9 +180,7 @@ class _Collector:
         stamped = [frames.lookup("base_link", WRIST_LIDAR, scan.stamp) for scan in self._scans]
         now = self._ctx.clock.now()  # the last scan may end later: the hand rests by then
         ends = [frames.lookup("base_link", WRIST_LIDAR, min(s.stamp + s.scan_time, now)) for s in self._scans]
-        sweep = assemble(
-            self._scans, stamped, AssembleOptions(range_m=(0.30, 1.2), bearing_rad=(-1.3, 1.3)), T_map_lidar_end=ends
-        )
+        sweep = assemble(self._scans, stamped, SWEEP, T_map_lidar_end=ends)
         cameras = tuple(frames.lookup("base_link", "camera_optical", image.stamp) for image in self._images)
         return VineScan(
             sweep=sweep, images=tuple(self._images), T_base_camera=cameras, T_hand_camera=camera_mount(self._ctx)

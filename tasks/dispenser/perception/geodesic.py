@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components, dijkstra
-from scipy.spatial import cKDTree
 
 from grape.errors import InvalidInput
 from grape.messages import Array
+from grape.perception.cloud import voxel_grid
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,6 +16,7 @@ class GeodesicOptions:
     """The graph and its layers.
 
     Args:
+        voxel_m: the cloud is thinned to this first; 0 takes it as it is.
         neighbours: of each point.
         edge_m: longest edge.
         layer_m: thickness of a layer of equal geodesic distance.
@@ -27,6 +26,7 @@ class GeodesicOptions:
         min_rise: smallest upward part of the direction (sine of its elevation).
     """
 
+    voxel_m: float = 0.003
     neighbours: int = 10
     edge_m: float = 0.009
     layer_m: float = 0.010
@@ -56,87 +56,53 @@ def geodesic_candidates(points: Array, up: Array, options: GeodesicOptions | Non
     options = options or GeodesicOptions()
     if len(points) <= options.neighbours:
         return np.empty((0, 6))
-    graph = _graph(points, options)
-    distance = _distance_from_lowest(graph, points @ up, options)
-    node, layer = _layer_nodes(graph, distance, options)
-    return _branch_ends(graph, points, node, layer, up, options)
+    from grape.perception.neighbour_kernels import nearest
+    from grape.tasks.dispenser.perception.geodesic_kernels import both_ways, distance_from, longest_children, parents
+
+    if options.voxel_m > 0:
+        points = voxel_grid(points, options.voxel_m)
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    start, other, length = both_ways(*nearest(points, options.edge_m, options.neighbours))
+    distance = distance_from(_lowest(start, other, points @ up, options), start, other, length)
+    node, layer = _layer_nodes(start, other, distance, options)
+    parent = parents(start, other, node, layer, len(layer))
+    return _branch_ends(points, node, layer, parent, longest_children(parent, layer), up, options)
 
 
-def _graph(points: Array, options: GeodesicOptions) -> csr_matrix:
-    """Symmetric graph (n, n) of the nearest neighbours, weights are distances in m."""
-    n = len(points)
-    distance, index = cKDTree(points).query(points, k=options.neighbours + 1, distance_upper_bound=options.edge_m)
-    row = np.repeat(np.arange(n), options.neighbours)
-    column, weight = index[:, 1:].ravel(), distance[:, 1:].ravel()
-    real = column < n
-    graph = csr_matrix((weight[real] + 1e-6, (row[real], column[real])), shape=(n, n))
-    return graph.maximum(graph.T).tocsr()
+def _lowest(start: Array, other: Array, height: Array, options: GeodesicOptions) -> Array:
+    """Indices of the lowest point of each connected part that is large enough."""
+    from grape.tasks.dispenser.perception.geodesic_kernels import parts
 
-
-def _distance_from_lowest(graph: csr_matrix, height: Array, options: GeodesicOptions) -> Array:
-    """(n,) m along the graph from the lowest point of each connected part; infinite in parts that are too small."""
-    _, part = connected_components(graph, directed=False)
+    part, _ = parts(start, other, np.zeros(len(height), np.int64))
     order = np.lexsort((height, part))
-    first = np.r_[True, np.diff(part[order]) != 0]
-    roots = order[first]
-    roots = roots[np.bincount(part)[part[roots]] >= options.min_component]
-    if len(roots) == 0:
-        return np.full(graph.shape[0], np.inf)
-    return dijkstra(graph, indices=roots, min_only=True)
+    roots = order[np.r_[True, np.diff(part[order]) != 0]]
+    return roots[np.bincount(part)[part[roots]] >= options.min_component]
 
 
-def _layer_nodes(graph: csr_matrix, distance: Array, options: GeodesicOptions) -> tuple[Array, Array]:
+def _layer_nodes(start: Array, other: Array, distance: Array, options: GeodesicOptions) -> tuple[Array, Array]:
     """Node of each point (-1: none), and layer of each node: a node is a connected part of one layer."""
+    from grape.tasks.dispenser.perception.geodesic_kernels import parts
+
     reached = np.isfinite(distance)
-    layer = np.where(reached, np.where(reached, distance, 0.0) / options.layer_m, -1).astype(int)
-    edges = graph.tocoo()
-    same = (layer[edges.row] == layer[edges.col]) & (layer[edges.row] >= 0)
-    inside = csr_matrix((np.ones(int(same.sum())), (edges.row[same], edges.col[same])), shape=graph.shape)
-    _, part = connected_components(inside, directed=False)
-    _, node = np.unique(part[reached], return_inverse=True)
-    full = np.full(len(distance), -1)
-    full[reached] = node
-    layers = np.zeros(node.max() + 1 if len(node) else 0, int)
-    layers[node] = layer[reached]
-    return full, layers
-
-
-def _parents(graph: csr_matrix, node: Array, layer: Array) -> Array:
-    """(nodes,) the node one layer nearer to the root that shares most edges, -1 at roots."""
-    edges = graph.tocoo()
-    a, b = node[edges.row], node[edges.col]
-    down = (a >= 0) & (b >= 0)
-    a, b = a[down], b[down]
-    down = layer[b] == layer[a] - 1
-    shared = csr_matrix((np.ones(int(down.sum())), (a[down], b[down])), shape=(len(layer), len(layer)))
-    shared.sum_duplicates()
-    parent = np.full(len(layer), -1)
-    rows = np.repeat(np.arange(len(layer)), np.diff(shared.indptr))
-    order = np.argsort(shared.data, kind="stable")  # the last write of a row is its largest
-    parent[rows[order]] = shared.indices[order]
-    return parent
+    layer = np.where(reached, np.where(reached, distance, 0.0) / options.layer_m, -1).astype(np.int64)
+    node, total = parts(start, other, layer)
+    layers = np.zeros(total, np.int64)
+    layers[node[reached]] = layer[reached]
+    return node, layers
 
 
 def _branch_ends(
-    graph: csr_matrix, points: Array, node: Array, layer: Array, up: Array, options: GeodesicOptions
+    points: Array, node: Array, layer: Array, parent: Array, child: Array, up: Array, options: GeodesicOptions
 ) -> Array:
     """Follows each end node down to where a longer branch joins; its first layers give tip and direction."""
-    if len(layer) == 0:
-        return np.empty((0, 6))
-    parent = _parents(graph, node, layer)
-    height, best = np.zeros(len(layer), int), np.full(len(layer), -1)
-    for i in np.argsort(-layer, kind="stable"):
-        p = parent[i]
-        if p >= 0 and height[i] + 1 > height[p]:
-            height[p], best[p] = height[i] + 1, i
     has = node >= 0
     count = np.bincount(node[has], minlength=len(layer))
     sums = np.stack([np.bincount(node[has], points[has, k], len(layer)) for k in range(3)], axis=1)
     centre = sums / np.maximum(count, 1)[:, None]
     found = []
-    for leaf in np.nonzero(best < 0)[0]:
+    for leaf in np.nonzero(child < 0)[0]:
         path, i = [leaf], leaf
-        while parent[i] >= 0 and best[parent[i]] == i and len(path) < options.axis_layers:
+        while parent[i] >= 0 and child[parent[i]] == i and len(path) < options.axis_layers:
             i = parent[i]
             path.append(i)
         axis = centre[path[0]] - centre[path[-1]]

@@ -101,7 +101,7 @@ def _draw(local: Array, options: SilhouetteOptions) -> _Drawing:
 
 def skeleton_ends(occupied: Array, longest_px: int) -> list[Array]:
     """Paths (k, 2) of (row, column) from each end of the skeleton inwards, to a junction or where the part widens."""
-    from grape.tasks.dispenser.perception.spur_kernels import thin, walk
+    from grape.tasks.dispenser.perception.silhouette_kernels import thin, walk
 
     width = cv2.distanceTransform(occupied, cv2.DIST_L2, 3)
     skeleton = thin(occupied.copy())

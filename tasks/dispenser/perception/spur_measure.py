@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from grape.errors import InvalidInput
 from grape.messages import Array
@@ -43,10 +42,9 @@ class RefineOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Surroundings:
-    """What a spur is judged in: the cloud with its tree, the sensor's places, the hand's way and the vine's middle."""
+    """What a spur is judged in: the cloud, the sensor's places, the hand's way and the vine's middle."""
 
     points: Array  # (n, 3) m
-    tree: cKDTree
     origins: Array  # (k, 3) m
     approach: Array  # (3,) unit vector from the tip towards the coming hand
     toward_robot: Array  # (3,) horizontal unit vector
@@ -70,81 +68,43 @@ def measure_spur(tip: Array, direction: Array, scene: Surroundings, options: Ref
         scene: see `Surroundings`.
         options: see `RefineOptions`.
     """
-    from grape.tasks.dispenser.perception.spur_kernels import grow, lateral_frame
+    from grape.tasks.dispenser.perception.spur_kernels import (
+        beside_line,
+        count_around,
+        count_in_way,
+        grow,
+        lateral_frame,
+        stem_width,
+        thickness_below,
+        within,
+    )
 
-    near = scene.points[scene.tree.query_ball_point(tip, 0.22)]
-    if len(near) < 15:
+    tip, direction = np.ascontiguousarray(tip, float), np.ascontiguousarray(direction, float)
+    near = within(scene.points, tip, 0.22)
+    stem = beside_line(near, tip, direction, 0.09)
+    if len(stem) < 15:
         return None
     view = scene.view(tip)
-    guess = np.ascontiguousarray(tip, float), np.ascontiguousarray(direction, float)
     sizes = options.lateral_m, options.depth_m, options.wide_m, options.iterations
-    axis, member = grow(near, *guess, view, *sizes)
+    axis, member = grow(beside_line(stem, tip, direction, 0.05), tip, direction, view, *sizes)
     if not member.any():
         return None
     tip, base, direction = axis[0] + options.tip_beyond_m * axis[2], axis[1], axis[2]
-    across, away = lateral_frame(direction, view)
-    diameter = _stem_width(near, tip, base, (direction, across, away), options) - options.diameter_bias_m
-    counts = _count_around(near, tip, base, direction, scene)
-    inwards = options.depth_share * diameter * away
+    axes = np.stack([direction, *lateral_frame(direction, view)])
+    length = float(np.linalg.norm(tip - base))
+    diameter = stem_width(stem, tip, length, axes, 1.5 * options.depth_m, options.gap_m) - options.diameter_bias_m
+    beyond, below, beside = count_around(stem, tip, base, direction)
+    inwards = options.depth_share * diameter * axes[2]
     return SpurMeasure(
         tip=tip + inwards,
         base=base + inwards,
         direction=direction,
         diameter_m=diameter,
         own=int(member.sum()),
-        thickness_m=_thickness_below(near, base, (direction, across, away), options),
+        beyond=beyond,
+        below=below,
+        beside=beside,
+        corridor=count_in_way(near, tip, scene.approach, scene.corridor_radius_m),
+        thickness_m=thickness_below(stem, base, axes, 2.5 * options.depth_m),
         behind_m=float((scene.middle - tip) @ scene.toward_robot),
-        **counts,
     )
-
-
-def _stem_width(
-    near: Array, tip: Array, base: Array, axes: tuple[Array, Array, Array], options: RefineOptions
-) -> float:
-    """35th percentile over 6 mm slices of the contiguous width round the axis: buds and knobs are left out."""
-    direction, across, away = axes
-    offset = near - tip
-    along, lateral = -(offset @ direction), offset @ across
-    length = float(np.linalg.norm(tip - base))
-    keep = (along > 0.004) & (along < length - 0.006) & (np.abs(lateral) < 0.035)
-    keep &= np.abs(offset @ away) < 1.5 * options.depth_m
-    slices, lateral = (along[keep] / 0.006).astype(int), lateral[keep]
-    widths = [_contiguous(np.sort(lateral[slices == k]), options.gap_m) for k in np.unique(slices)]
-    widths = [w for w in widths if w > 0]
-    return float(np.percentile(widths, 35)) if widths else 0.0
-
-
-def _contiguous(values: Array, gap: float) -> float:
-    """Width of the run of sorted `values` round zero that has no gap; 0 for fewer than 4 values."""
-    if len(values) < 4:
-        return 0.0
-    cuts = np.nonzero(np.diff(values) > gap)[0] + 1
-    run = np.split(values, cuts)[int(np.searchsorted(cuts, np.argmin(np.abs(values)), side="right"))]
-    return float(np.ptp(run))
-
-
-def _thickness_below(near: Array, base: Array, axes: tuple[Array, Array, Array], options: RefineOptions) -> float:
-    """Width (m) of what is round the spur's base: twice the 85th percentile of the lateral distance."""
-    direction, across, away = axes
-    offset = near - base
-    along, lateral = offset @ direction, np.abs(offset @ across)
-    keep = (along > -0.035) & (along < 0.012) & (lateral < 0.05) & (np.abs(offset @ away) < 2.5 * options.depth_m)
-    return float(np.percentile(lateral[keep], 85) * 2) if keep.sum() > 4 else 0.0
-
-
-def _count_around(near: Array, tip: Array, base: Array, direction: Array, scene: Surroundings) -> dict[str, int]:
-    """Points beyond the tip, below the base, beside the upper spur and in the hand's way."""
-    from_tip, from_base = near - tip, near - base
-    s, s_base = from_tip @ direction, from_base @ direction
-    radius = np.linalg.norm(from_tip - s[:, None] * direction, axis=1)
-    radius_base = np.linalg.norm(from_base - s_base[:, None] * direction, axis=1)
-    length = float(np.linalg.norm(tip - base))
-    way = from_tip @ scene.approach
-    off_way = np.linalg.norm(from_tip - way[:, None] * scene.approach, axis=1)
-    masks = {
-        "beyond": (s > 0.008) & (s < 0.05) & (radius < 0.015 + 0.2 * s),
-        "below": (s_base < -0.002) & (s_base > -0.035) & (radius_base < 0.04),
-        "beside": (s < 0) & (s > -0.6 * length) & (radius > 0.016) & (radius < 0.045),
-        "corridor": (way > 0.03) & (way < 0.18) & (off_way < scene.corridor_radius_m),
-    }
-    return {name: int(mask.sum()) for name, mask in masks.items()}

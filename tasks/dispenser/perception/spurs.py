@@ -16,7 +16,13 @@ from grape.errors import InvalidInput
 from grape.messages import Array
 from grape.perception.checks import as_points, as_unit
 from grape.perception.cloud import outlier_mask, voxel_grid
-from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose, ScoreOptions, SpurMeasure, score_factors
+from grape.tasks.dispenser.perception.deployment_pose import (
+    DeploymentPose,
+    ScoreOptions,
+    SpurMeasure,
+    ramp,
+    score_factors,
+)
 from grape.tasks.dispenser.perception.geodesic import GeodesicOptions, geodesic_candidates
 from grape.tasks.dispenser.perception.silhouette import SilhouetteOptions, silhouette_candidates
 from grape.tasks.dispenser.perception.spur_measure import RefineOptions, Surroundings, measure_spur
@@ -67,7 +73,7 @@ LIDAR_SPURS = SpurOptions(
         lateral_m=0.014,
         depth_m=0.025,
         wide_m=0.028,
-        gap_m=0.007,
+        gap_m=0.012,
         tip_beyond_m=-0.003,
         diameter_bias_m=0.002,
         depth_share=0.35,
@@ -118,7 +124,7 @@ def extract_poses(
             found.append((spur, score_factors(spur, up, 1.0 if reach is None else reach(spur.tip), options.score)))
         report(60.0 + 40.0 * (k + 1) / len(candidates))
     report(100.0)
-    return _best_of_groups([_pose_of(*pair) for pair in found], options.min_score, options.group_m)
+    return rank([_pose_of(*pair) for pair in found], options.min_score, options.group_m)
 
 
 def _prepare(points: Array, options: SpurOptions) -> Array:
@@ -130,8 +136,6 @@ def _prepare(points: Array, options: SpurOptions) -> Array:
 
 
 def _surroundings(points: Array, origins: Array, up: Array, options: SpurOptions) -> Surroundings:
-    from scipy.spatial import cKDTree
-
     middle = np.median(points, axis=0)
     to_robot = origins.mean(axis=0) - middle
     to_robot = to_robot - (to_robot @ up) * up
@@ -139,7 +143,6 @@ def _surroundings(points: Array, origins: Array, up: Array, options: SpurOptions
     pitch = np.radians(options.score.pitch_deg)
     return Surroundings(
         points=points,
-        tree=cKDTree(points),
         origins=origins,
         approach=np.cos(pitch) * toward_robot + np.sin(pitch) * up,
         toward_robot=toward_robot,
@@ -170,8 +173,8 @@ def _pose_of(spur: SpurMeasure, factors: dict[str, float]) -> DeploymentPose:
     )
 
 
-def _best_of_groups(poses: list[DeploymentPose], min_score: float, group_m: float) -> tuple[DeploymentPose, ...]:
-    """Best first; of poses with near tips, or on one axis within 90 mm, only the best."""
+def rank(poses: Sequence[DeploymentPose], min_score: float = 0.0, group_m: float = 0.025) -> tuple[DeploymentPose, ...]:
+    """Best first; of poses with tips within `group_m`, or on one axis within 90 mm, only the best."""
     kept: list[DeploymentPose] = []
     for pose in sorted((p for p in poses if p.score >= min_score), key=lambda p: -p.score):
         if not any(_same_spur(pose, other, group_m) for other in kept):
@@ -194,28 +197,36 @@ class MergeOptions:
         group_m, group_cos: poses of one spur have tips this near and directions with at least this cosine.
         support: views that give full weight; a spur that fewer saw keeps `single` to 1 of its mean score.
         single: weight of a spur that one view saw.
+        agreement: views that found a spur, relative to those that should have: without weight up to the first, with
+            full weight from the second.
         min_score: poses with less are left out.
     """
 
     group_m: float = 0.025
     group_cos: float = 0.85
     support: int = 3
-    single: float = 0.6
+    single: float = 0.7
+    agreement: tuple[float, float] = (0.35, 0.7)
     min_score: float = 0.3
 
     def __post_init__(self) -> None:
-        if self.group_m <= 0 or self.support < 1 or not 0 < self.single <= 1:
+        low, high = self.agreement
+        if self.group_m <= 0 or self.support < 1 or not 0 < self.single <= 1 or not low < high:
             raise InvalidInput(f"merge options must be positive, got {self}")
 
 
 def merge_poses(
-    views: Sequence[Sequence[DeploymentPose]], options: MergeOptions | None = None
+    views: Sequence[Sequence[DeploymentPose]],
+    options: MergeOptions | None = None,
+    shows: Sequence[Callable[[DeploymentPose], float]] = (),
 ) -> tuple[DeploymentPose, ...]:
     """Poses of several views in one frame, best first: medians of those that belong to one spur.
 
     Args:
         views: what `extract_poses` gave for each view; all in one frame.
         options: see `MergeOptions`.
+        shows: for each view, how sure (0...1) it should have shown a spur; a spur that few of those views found loses.
+            Without, views are not asked.
     """
     options = options or MergeOptions()
     groups: list[list[DeploymentPose]] = []
@@ -228,12 +239,21 @@ def merge_poses(
         else:
             groups.append([pose])
     full = min(options.support, max(len(views), 1))
-    merged = [_merge_group(group, full, options.single) for group in groups]
-    return _best_of_groups(merged, options.min_score, options.group_m)
+    merged = [_merge_group(group, _weights(group, full, shows, options)) for group in groups]
+    return rank(merged, options.min_score, options.group_m)
 
 
-def _merge_group(group: list[DeploymentPose], full: int, single: float) -> DeploymentPose:
-    weight = 1.0 if full == 1 else min(1.0, single + (1.0 - single) * (len(group) - 1) / (full - 1))
+def _weights(
+    group: list[DeploymentPose], full: int, shows: Sequence[Callable[[DeploymentPose], float]], options: MergeOptions
+) -> dict[str, float]:
+    """Factors of how many views found a spur, and which share of those that should have."""
+    rise = 1.0 if full == 1 else min(1.0, (len(group) - 1) / (full - 1))
+    expected = max(sum(view(group[0]) for view in shows), 1.0)
+    agreement = ramp(len(group) / expected, *options.agreement) if shows else 1.0
+    return {"support": options.single + (1.0 - options.single) * rise, "agreement": agreement}
+
+
+def _merge_group(group: list[DeploymentPose], weights: dict[str, float]) -> DeploymentPose:
     names = group[0].factors
     factors = {name: float(np.mean([p.factors.get(name, 1.0) for p in group])) for name in names}
     return replace(
@@ -243,7 +263,7 @@ def _merge_group(group: list[DeploymentPose], full: int, single: float) -> Deplo
         direction=np.median([p.direction for p in group], axis=0),
         diameter_m=float(np.median([p.diameter_m for p in group])),
         length_m=float(np.median([p.length_m for p in group])),
-        score=float(np.mean([p.score for p in group])) * weight,
-        factors={**factors, "support": weight},
+        score=float(np.mean([p.score for p in group]) * np.prod(list(weights.values()))),
+        factors={**factors, **weights},
         frames=sum(p.frames for p in group),
     )

@@ -8,12 +8,18 @@ from paper_robot import Bench
 
 from grape.actions.obstacles import OBSTACLES
 from grape.errors import Reason
-from grape.geometry import transform
+from grape.geometry import pose, transform
+from grape.perception.sweep import Sweep
 from grape.tasks.dispenser.actions.drive_to_plant import PARKED, DriveToPlantGoal, drive_to_plant
-from grape.tasks.dispenser.actions.find_deployment_points import FindDeploymentPointsGoal, find_deployment_points
-from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, scan_vine
+from grape.tasks.dispenser.actions.find_deployment_points import (
+    FindDeploymentPointsGoal,
+    find_deployment_points,
+    fuse,
+    vine_box,
+)
+from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, VineScan, scan_vine, sweep_path
 
-SHORT = ScanVineGoal(plant="n0", half_length_m=0.10)
+SHORT = ScanVineGoal(plant="n0", half_length_m=0.10, return_pitch=0.0)
 
 
 def park_at(bench: Bench, plant: str) -> None:
@@ -66,6 +72,27 @@ def test_sweep_gathers_scans_and_frames_in_base_link(bench: Bench) -> None:
     assert bench.ctx.arm.owner is None and bench.log.last("scan")["plant"] == "n0"
 
 
+def test_the_way_back_looks_farther_down(bench: Bench) -> None:
+    goal = ScanVineGoal(plant="n0", half_length_m=0.10)
+    scan = bench.run(scan_vine(goal, bench.ctx)).scan
+    x, down = (np.array([T[k, 3 - k // 2] for T in scan.T_base_camera]) for k in (0, 2))
+    turn = int(np.argmax(np.abs(x - x[0])))
+    assert 2 < turn < len(x) - 2 and abs(x[-1] - x[0]) < 0.05, "forth and back"
+    steep, level = sorted((down[:2].mean(), down[-2:].mean()))
+    assert np.degrees(np.arcsin(level) - np.arcsin(steep)) == pytest.approx(20, abs=3)
+
+
+@pytest.mark.parametrize("row_y", [0.86, 0.955, 1.05])
+def test_a_sweep_takes_at_most_fifteen_seconds_and_keeps_off_the_arm(row_y: float) -> None:
+    T_base_arm = pose(None, (0.25, 0.20, 0.458))
+    path = sweep_path(ScanVineGoal(plant="n0"), T_base_arm, row_y)
+    assert path.times[-1] <= 15.0 and len(path.poses) == len(path.times) == 4
+    assert min(T[1, 3] for T in path.poses) >= 0.42
+    back = path.backwards()
+    for t in np.linspace(0.0, path.times[-1], 7):
+        np.testing.assert_allclose(back.at(path.times[-1] - t), path.at(t), atol=1e-9)
+
+
 def test_sweep_without_lidar_keeps_the_frames(bench: Bench) -> None:
     bench.scanners["wrist_lidar"].silent = True
     scan = bench.run(scan_vine(SHORT, bench.ctx)).scan
@@ -87,7 +114,7 @@ def test_spurs_of_a_scanned_vine_become_reachable_targets(bench: Bench) -> None:
     spurs = [np.array([x, 0.93, 0.56]) for x in (0.30, 0.50, 0.70)]
     bench.scene.rods = [(np.array([-0.2, 0.955, 0.44]), np.array([1.2, 0.955, 0.44]), 0.02)]
     bench.scene.rods += [(np.array([tip[0], 0.955, 0.44]), tip, 0.006) for tip in spurs]
-    scan = bench.run(scan_vine(ScanVineGoal(plant="v0"), bench.ctx)).scan
+    scan = bench.run(scan_vine(ScanVineGoal(plant="v0", return_pitch=0.0, images=6), bench.ctx)).scan
     found = bench.run(find_deployment_points(FindDeploymentPointsGoal(plant="v0", scan=scan), bench.ctx)).targets
     assert found
     for target in found:
@@ -95,6 +122,40 @@ def test_spurs_of_a_scanned_vine_become_reachable_targets(bench: Bench) -> None:
         assert min(np.linalg.norm(target.tip - tip) for tip in spurs) < 0.03
     assert [t.score for t in found] == sorted((t.score for t in found), reverse=True)
     assert len(bench.world.committed[OBSTACLES].cloud) > 100
+
+
+def test_lidar_fills_in_beside_the_frames_and_is_enough_alone(bench: Bench) -> None:
+    sweep, tips = swept_spurs()
+    nothing = VineScan(sweep=sweep, images=(), T_base_camera=(), T_hand_camera=np.eye(4))
+    box = vine_box(FindDeploymentPointsGoal(plant="v0", scan=nothing), np.array([0.5, 0.955]))
+    alone, cloud = fuse([], sweep, box)
+    assert len(alone) == 2 and len(cloud) > 500
+    for tip in tips:
+        assert min(np.linalg.norm(pose.tip - tip) for pose in alone) < 0.02
+
+
+def swept_spurs() -> tuple[Sweep, list[np.ndarray]]:
+    """A cordon with two spurs in the box of the vine and one on the neighbour, as a LiDAR at y = 0.5 sweeps it."""
+    rng, xs, tips = np.random.default_rng(0), (0.3, 0.6, 1.2), []
+    rods = [((0.0, 0.955, 0.65), (1.4, 0.955, 0.65), 0.018, 12000)]
+    for x in xs:
+        tips.append(np.array([x, 0.955, 0.80]))
+        rods += [((x, 0.955, 0.65), (x, 0.955, 0.69), 0.012, 500), ((x, 0.955, 0.69), tips[-1], 0.005, 900)]
+    parts = []
+    for start, end, radius, n in rods:
+        axis = (np.array(end) - start) / np.linalg.norm(np.subtract(end, start))
+        side, angle = np.cross(axis, [0.0, 1.0, 0.0]), rng.uniform(-1.4, 1.4, (n, 1))
+        around = np.sin(angle) * side - np.cos(angle) * np.array([0.0, 1.0, 0.0])
+        parts.append(start + rng.uniform(0, 1, (n, 1)) * np.subtract(end, start) + radius * around)
+    points = np.vstack(parts)
+    origins = np.column_stack([points[:, 0], np.full(len(points), 0.5), np.full(len(points), 0.85)])
+    rays = points - origins
+    scan = np.floor(points[:, 0] / 0.005).astype(int)
+    beam = np.floor(np.arctan2(rays[:, 2], rays[:, 1]) / np.radians(1 / 3)).astype(int)
+    _, pick = np.unique(np.column_stack([scan, beam]), axis=0, return_index=True)
+    ranges = np.linalg.norm(rays, axis=1)
+    kept = (points[pick], origins[pick], ranges[pick], scan[pick], beam[pick])
+    return Sweep(points=kept[0], origins=kept[1], ranges=kept[2], scan=kept[3], beam=kept[4]), tips[:2]
 
 
 def test_a_vine_without_spurs_has_no_deployment_point(bench: Bench) -> None:
