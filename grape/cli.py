@@ -1,4 +1,4 @@
-"""The command line: run, list, check, render. Heavy imports wait until a command needs them."""
+"""The command line: run, resume, list, check, render. Heavy imports wait until a command needs them."""
 
 from __future__ import annotations
 
@@ -77,6 +77,20 @@ def run(
     from grape.mission.command import run_command
 
     raise typer.Exit(EXIT[run_command(mission, seed, out, world, assignments or [], render)])
+
+
+@app.command()
+def resume(
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of a mission that was killed or aborted.")],
+) -> None:
+    """Go on with a mission that a kill, a power cut or Ctrl-C has ended.
+
+    The robot localises again, looks what became of the plant and the dispenser it was at, and serves what is left.
+    A mission that has ended by itself stays as it is. Exit codes as of `grape run`.
+    """
+    from grape.mission.command import resume_command
+
+    raise typer.Exit(EXIT[resume_command(folder)])
 
 
 @app.command("list")

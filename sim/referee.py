@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -34,6 +35,7 @@ class Collision:
 
 @dataclass(kw_only=True)
 class _Errors:
+    STATE: ClassVar[tuple[str, ...]] = ("count", "squared_m2", "squared_rad2", "largest_m")
     count: int = 0
     squared_m2: float = 0.0
     squared_rad2: float = 0.0
@@ -68,13 +70,17 @@ class PathSample:
 
 @dataclass(kw_only=True)
 class _Fences:
+    STATE: ClassVar[tuple[str, ...]] = ("inside", "crossings")
     polygons: tuple[Array, ...]
-    inside: set[int] = field(default_factory=set)
+    inside: Array = field(init=False)  # (fences,) bool
     crossings: int = 0
 
+    def __post_init__(self) -> None:
+        self.inside = np.zeros(len(self.polygons), dtype=bool)
+
     def observe(self, footprint: Array) -> None:
-        now = {k for k, polygon in enumerate(self.polygons) if polygons_touch(footprint, polygon)}
-        self.crossings += len(now - self.inside)
+        now = np.array([polygons_touch(footprint, polygon) for polygon in self.polygons], dtype=bool)
+        self.crossings += int(np.count_nonzero(now & ~self.inside))
         self.inside = now
 
 
@@ -87,6 +93,8 @@ class Referee:
         robot: whose footprint must stay out of the fences.
     """
 
+    STATE: ClassVar[tuple[str, ...]] = ("_max_plant_force",)
+
     def __init__(self, physics: Physics, world: World, robot: RobotDescription) -> None:
         self._physics = physics
         self._parts = PartTable.of(physics.model, world, robot)
@@ -98,6 +106,7 @@ class Referee:
         self._max_plant_force = 0.0
         self._errors = _Errors()
         self._path: list[PathSample] = []
+        self._news: list[PathSample | Collision] = []  # since the last checkpoint
 
     @property
     def path(self) -> tuple[PathSample, ...]:
@@ -128,7 +137,10 @@ class Referee:
             known = self._collisions.setdefault(
                 key, Collision(a=key[0], b=key[1], force_n=0.0, time_s=self._physics.clock.now())
             )
-            known.force_n = max(known.force_n, force)
+            if force > known.force_n:
+                known.force_n = force
+                if known not in self._news:
+                    self._news.append(known)
 
     def observe(self, estimate: Odometry | None = None) -> None:
         """Look at where the robot is; call it once a beat.
@@ -146,6 +158,7 @@ class Referee:
             x, y = (float(value) for value in T_map_base[:2, 3])
             now = self._physics.clock.now()
             self._path.append(PathSample(time_s=now, x=x, y=y, yaw=yaw_of(T_map_base), error_m=error_m))
+            self._news.append(self._path[-1])
 
     def verdict(self) -> dict[str, Any]:
         """What really happened, as `truth` and `localization` of result.json."""
@@ -174,6 +187,26 @@ class Referee:
             },
             "localization": self._errors.summary(),
         }
+
+    @property
+    def tallies(self) -> tuple[Any, ...]:
+        """The objects whose numbers a checkpoint of the world keeps."""
+        return self, self._errors, self._fences
+
+    def news(self) -> list[dict[str, Any]]:
+        """What has grown since the last call, for a checkpoint's journal."""
+        news, self._news = self._news, []
+        step = self._physics.clock.step
+        return [{"step": step, "kind": type(entry).__name__, **asdict(entry)} for entry in news]
+
+    def recall(self, journal: Iterable[dict[str, Any]]) -> None:
+        """Take up what an earlier process has told by `news`."""
+        for entry in journal:
+            fields = {name: value for name, value in entry.items() if name not in ("step", "kind")}
+            if entry.get("kind") == "PathSample":
+                self._path.append(PathSample(**fields))
+            elif entry.get("kind") == "Collision":
+                self._collisions[entry["a"], entry["b"]] = Collision(**fields)
 
     def true_pose(self) -> Array:
         """`T_map_base` (4, 4) as it really is."""

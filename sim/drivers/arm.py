@@ -37,6 +37,8 @@ class ArmDriverOptions:
 class SimulatedArm(SampledSensor[JointState]):
     """Position actuators that follow an integrated velocity reference, with gravity compensated as in the real arm."""
 
+    STATE = (*SampledSensor.STATE, "_target", "_velocity", "_reference", "_last_send")
+
     def __init__(self, physics: Physics, limits: ArmLimits, seed: int, options: ArmDriverOptions) -> None:
         super().__init__(physics, "arm", options.beat_s)
         self._limits = limits
