@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Protocol
 
-
 RESUMED = "resumed"  # in world.committed: an earlier session was cut off, and what it left is not settled yet
 
 

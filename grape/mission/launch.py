@@ -78,7 +78,7 @@ def resume_mission(
     cancelled: Callable[[], bool] = lambda: False,
     on_progress: Callable[[Progress], None] = lambda progress: None,
 ) -> MissionRun:
-    """Go on with a mission that a kill or Ctrl-C has ended, in its run folder; one that has ended itself stays as it is.
+    """Go on with a mission that a kill or Ctrl-C has ended; one that has ended by itself stays as it is.
 
     Args:
         folder: of the run.

@@ -62,6 +62,7 @@ def find_deployment_points(
     """Extracts spurs from the scan, ranks them and keeps those that the hand reaches without touching the vine."""
     poses, cloud = yield from ctx.jobs.run(extract, goal, row_distance(ctx, goal.plant))
     ctx.world.committed[OBSTACLES] = Obstacles(cloud)
+    ctx.ledger.remember(OBSTACLES, cloud.astype(np.float32).tobytes())
     ctx.log.event(
         "deployment_poses",
         plant=goal.plant,

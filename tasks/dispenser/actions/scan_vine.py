@@ -65,8 +65,9 @@ def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, Sca
     """Moves the wrist along the vine in a straight line at constant orientation and keeps LiDAR scans and frames."""
     T_first, T_last = _line(goal, ctx)
     with ctx.arm.lease("ScanVine") as arm, ctx.gripper.lease("ScanVine") as gripper:
-        closed = ctx.robot.description.gripper.closed_angle
-        gripper.send(np.array([ctx.robot.description.gripper.thumb_clear, closed, closed]))
+        if not ctx.ledger.dispensers().get("hand", 0):  # open fingers keep a dispenser
+            closed = ctx.robot.description.gripper.closed_angle
+            gripper.send(np.array([ctx.robot.description.gripper.thumb_clear, closed, closed]))
         yield from move_to_pose(
             ctx, arm, (T_first, T_last), either_end=True, status="moving to the scan", boxes=row_boxes(ctx, goal.plant)
         )

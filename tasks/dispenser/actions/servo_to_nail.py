@@ -54,7 +54,8 @@ def servo_to_nail(goal: ServoToNailGoal, ctx: Context) -> Generator[Feedback, No
         ctx.camera.latest().info.K,
         MarkerServoOptions(standoff_m=goal.stand_off_m, stop_px=1.0, stop_frames=6),
     )
-    with ctx.arm.lease("ServoToNail") as arm:
+    step = ctx.ledger.step("place", target.plant, target=target.as_record())
+    with step, ctx.arm.lease("ServoToNail") as arm:
         try:
             yield from servo_on_markers(
                 ctx, arm, servo, desired, MarkerDetector(MARKER_DICTIONARY), MARKER_SIDE_M,

@@ -60,7 +60,8 @@ def servo_to_spur(goal: ServoToSpurGoal, ctx: Context) -> Generator[Feedback, No
     servo = PointServo(
         place, ctx.camera.latest().info.K, PointServoOptions(standoff_m=goal.stand_off_m), p_base_point=target.tip
     )
-    with ctx.arm.lease("ServoToSpur") as arm:
+    step = ctx.ledger.step("place", target.plant, target=target.as_record())
+    with step, ctx.arm.lease("ServoToSpur") as arm:
         try:
             yield from servo_on_point(
                 ctx, arm, servo, find, place,
