@@ -43,9 +43,8 @@ def run(seeds: Sequence[int], folder: Path, progress: Callable[[float, str], Non
 
 def trial(seed: int, folder: Path) -> dict[str, Any]:
     """Run, kill and resume one mission until it ends by itself; what it came to."""
-    rng = np.random.default_rng([seed, 11])
-    kills: list[dict[str, Any]] = []
-    site = folder.with_suffix(".geojson")
+    site, noted = folder.with_suffix(".geojson"), folder.with_suffix(".kills.json")
+    kills: list[dict[str, Any]] = json.loads(noted.read_text(encoding="utf-8")) if noted.exists() else []
     if not folder.exists():
         folder.parent.mkdir(parents=True, exist_ok=True)
         _site_near_the_plants(site)
@@ -54,11 +53,13 @@ def trial(seed: int, folder: Path) -> dict[str, Any]:
     else:
         command = ["resume", str(folder)]
     while True:
+        rng = np.random.default_rng([seed, 11, len(kills)])
         gap_s = float(rng.uniform(*GAP_S)) if len(kills) < KILLS else None
         killed_at = _session(command, folder, gap_s, rng)
         if killed_at is None:
             break
         kills.append({"t": killed_at, "action": _action_at_kill(folder)})
+        write_atomic(noted, json.dumps(kills) + "\n")
         command = ["resume", str(folder)]
     result_file = folder / "result.json"
     if not result_file.exists():

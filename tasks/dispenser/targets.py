@@ -55,8 +55,8 @@ class HangTarget:
 
     def as_record(self) -> dict[str, Any]:
         """The target as JSON has it, for the ledger."""
-        fields = asdict(self)
-        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in fields.items()}
+        plain = np.ndarray | np.generic
+        return {name: v.tolist() if isinstance(v, plain) else v for name, v in asdict(self).items()}
 
     @property
     def approach(self) -> Array:

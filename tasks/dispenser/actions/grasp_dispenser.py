@@ -45,7 +45,7 @@ def grasp_dispenser(goal: GraspDispenserGoal, ctx: Context) -> Generator[Feedbac
     robot = ctx.robot
     gripper = robot.description.gripper
     with (
-        ctx.ledger.step("grasp", level=goal.level),
+        ctx.ledger.step("grasp", level=int(goal.level)),
         ctx.arm.lease("GraspDispenser") as arm,
         ctx.gripper.lease("GraspDispenser") as fingers,
     ):

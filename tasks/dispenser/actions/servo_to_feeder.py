@@ -49,7 +49,7 @@ def servo_to_feeder(goal: ServoToFeederGoal, ctx: Context) -> Generator[Feedback
         image.info.K,
         MarkerServoOptions(standoff_m=goal.stand_off_m, stop_px=0.7, stop_frames=6),
     )
-    with ctx.ledger.step("insert", level=goal.level), ctx.arm.lease("ServoToFeeder") as arm:
+    with ctx.ledger.step("insert", level=int(goal.level)), ctx.arm.lease("ServoToFeeder") as arm:
         T_now = robot.hand_pose(ctx.world.joints())
         T_near = hand_at_feeder(robot, goal.level, goal.stand_off_m + 0.03)
         duration = max(0.8, abs(T_now[2, 3] - T_near[2, 3]) / 0.08)
