@@ -22,7 +22,7 @@ from grape import cli
 from grape.config import model_of
 from grape.errors import Reason
 from grape.mission.file import MissionFile, Selection, load_mission
-from grape.mission.launch import write_inputs
+from grape.mission.launch import refuse_changed, write_inputs
 from grape.site import load_site, save_site
 
 ROOT = Path(__file__).parents[1]
@@ -106,7 +106,12 @@ def test_every_command_in_a_block_is_accepted(
         load_mission(name, [*given, *([f"seed={seed}"] if seed is not None else [])], world)
         return "succeeded"
 
+    def no_resume(folder: Path) -> str:
+        refuse_changed(folder)
+        return "succeeded"
+
     monkeypatch.setattr("grape.mission.command.run_command", dry_run)
+    monkeypatch.setattr("grape.mission.command.resume_command", no_resume)
     monkeypatch.setattr("grape.mission.pictures._take", lambda mission, out: [])
     monkeypatch.setattr(sys, "argv", shlex.split(command))
     with pytest.raises(SystemExit) as end:
