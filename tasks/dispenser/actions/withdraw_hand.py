@@ -53,14 +53,14 @@ def withdraw_hand(goal: WithdrawHandGoal, ctx: Context) -> Generator[Feedback, N
             yield from _out_of_feeder(goal, ctx, arm, fingers, int(step.details["level"]))
         elif release_pending(ctx, step):
             yield from _complete_release(goal, ctx, arm, fingers, HangTarget(**step.details["target"]))
-        elif step.name in ("place", "release") and step.outcome != "done":
+        elif step.name == "place" or (step.name == "release" and step.outcome == "failed"):
             yield from _off_the_tip(ctx, arm, HangTarget(**step.details["target"]))
     return NoResult()
 
 
 def release_pending(ctx: Context, step: Step) -> bool:
     """Whether a dispenser was let go, or about to be, and nobody has looked yet what came of it."""
-    if step.name != "release" or step.outcome == "failed":
+    if step.name != "release":
         return False
     task = next(task for task in ctx.ledger.plants() if task.plant == step.plant)
     places = ctx.ledger.dispensers()
