@@ -147,6 +147,20 @@ def bench(
     bench_command(name, file)
 
 
+@app.command()
+def resume(
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of a mission that was killed or aborted.")],
+) -> None:
+    """Go on with a mission that a kill, a power cut or Ctrl-C has ended.
+
+    The robot localises again, looks what became of the plant and the dispenser it was at, and serves what is left.
+    A mission that has ended by itself stays as it is. Exit codes as of `grape run`.
+    """
+    from grape.mission.command import resume_command
+
+    raise typer.Exit(EXIT[resume_command(folder)])
+
+
 @app.command("list")
 def list_() -> None:
     """List what can be named: missions, rows to reproduce, benches, trees, robots, tasks, worlds.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,25 @@ class CameraGlare:
 
 
 Fault = DropDispenser | FreezeSensor | GnssJump | CameraGlare
+
+
+def fault_record(fault: Fault) -> dict[str, Any]:
+    """A fault as JSON takes it."""
+    fields = {name: np.asarray(value).tolist() if name == "bias" else value for name, value in asdict(fault).items()}
+    return {"fault": type(fault).__name__, **fields}
+
+
+def repeat_fault(record: dict[str, Any], physics: Physics, drivers: SimulatedDrivers) -> None:
+    """Let a recorded fault begin again in a world that is brought back; what it moved then is in the state."""
+    fields = {name: value for name, value in record.items() if name not in ("fault", "step")}
+    match record["fault"]:
+        case "FreezeSensor":
+            apply_fault(FreezeSensor(**fields), physics, drivers)
+        case "GnssJump":
+            apply_fault(GnssJump(**fields), physics, drivers)
+        case "CameraGlare":
+            glare = fields["glare"]
+            apply_fault(CameraGlare(glare=Glare(**glare) if glare else None), physics, drivers)
 
 
 def apply_fault(fault: Fault, physics: Physics, drivers: SimulatedDrivers) -> None:

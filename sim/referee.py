@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import mujoco
 import numpy as np
@@ -34,6 +35,7 @@ class Collision:
 
 @dataclass(kw_only=True)
 class _Errors:
+    STATE: ClassVar[tuple[str, ...]] = ("count", "squared_m2", "squared_rad2", "largest_m")
     count: int = 0
     squared_m2: float = 0.0
     squared_rad2: float = 0.0
@@ -85,13 +87,17 @@ class PathSample:
 
 @dataclass(kw_only=True)
 class _Fences:
+    STATE: ClassVar[tuple[str, ...]] = ("inside", "crossings")
     polygons: tuple[Array, ...]
-    inside: set[int] = field(default_factory=set)
+    inside: Array = field(init=False)  # (fences,) bool
     crossings: int = 0
 
+    def __post_init__(self) -> None:
+        self.inside = np.zeros(len(self.polygons), dtype=bool)
+
     def observe(self, footprint: Array) -> None:
-        now = {k for k, polygon in enumerate(self.polygons) if polygons_touch(footprint, polygon)}
-        self.crossings += len(now - self.inside)
+        now = np.array([polygons_touch(footprint, polygon) for polygon in self.polygons], dtype=bool)
+        self.crossings += int(np.count_nonzero(now & ~self.inside))
         self.inside = now
 
 
@@ -103,6 +109,8 @@ class Referee:
         world: what stands in it, with the truth about spurs and nails.
         robot: whose footprint must stay out of the fences.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("_max_plant_force",)
 
     def __init__(self, physics: Physics, world: World, robot: RobotDescription) -> None:
         self._physics = physics
@@ -116,6 +124,7 @@ class Referee:
         self._errors = _Errors()
         self._path: list[PathSample] = []
         self._witnessed: list[Witness] = []
+        self._news: list[PathSample | Collision | Witness] = []  # since the last checkpoint
 
     @property
     def path(self) -> tuple[PathSample, ...]:
@@ -146,7 +155,10 @@ class Referee:
             known = self._collisions.setdefault(
                 key, Collision(a=key[0], b=key[1], force_n=0.0, time_s=self._physics.clock.now())
             )
-            known.force_n = max(known.force_n, force)
+            if force > known.force_n:
+                known.force_n = force
+                if known not in self._news:
+                    self._news.append(known)
 
     def observe(self, estimate: Odometry | None = None) -> None:
         """Look at where the robot is; call it once a beat.
@@ -164,6 +176,7 @@ class Referee:
             x, y = (float(value) for value in T_map_base[:2, 3])
             now = self._physics.clock.now()
             self._path.append(PathSample(time_s=now, x=x, y=y, yaw=yaw_of(T_map_base), error_m=error_m))
+            self._news.append(self._path[-1])
 
     def witness(self, check: str, plant: str) -> None:
         """Remember what is so at this moment, for the run folder alone: the robot has just looked.
@@ -177,17 +190,17 @@ class Referee:
         on_hand = sum(place.where == DispenserPlace.HAND for place in places)
         hanging = any(place.plant == plant for place in places if place.plant is not None)
         true = {"feeder": in_feeder > 0, "grasp": on_hand > 0, "deployment": hanging}.get(check)
-        self._witnessed.append(
-            Witness(
-                time_s=round(self._physics.clock.now(), 3),
-                check=check,
-                plant=plant,
-                true=true,
-                in_feeder=in_feeder,
-                on_hand=on_hand,
-                hanging=hanging,
-            )
+        witness = Witness(
+            time_s=round(self._physics.clock.now(), 3),
+            check=check,
+            plant=plant,
+            true=true,
+            in_feeder=in_feeder,
+            on_hand=on_hand,
+            hanging=hanging,
         )
+        self._witnessed.append(witness)
+        self._news.append(witness)
 
     def verdict(self) -> dict[str, Any]:
         """What really happened, as `truth` and `localization` of result.json."""
@@ -217,6 +230,28 @@ class Referee:
             },
             "localization": self._errors.summary(),
         }
+
+    @property
+    def tallies(self) -> tuple[Any, ...]:
+        """The objects whose numbers a checkpoint of the world keeps."""
+        return self, self._errors, self._fences
+
+    def news(self) -> list[dict[str, Any]]:
+        """What has grown since the last call, for a checkpoint's journal."""
+        news, self._news = self._news, []
+        step = self._physics.clock.step
+        return [{"step": step, "kind": type(entry).__name__, **asdict(entry)} for entry in news]
+
+    def recall(self, journal: Iterable[dict[str, Any]]) -> None:
+        """Take up what an earlier process has told by `news`."""
+        for entry in journal:
+            fields = {name: value for name, value in entry.items() if name not in ("step", "kind")}
+            if entry.get("kind") == "PathSample":
+                self._path.append(PathSample(**fields))
+            elif entry.get("kind") == "Collision":
+                self._collisions[entry["a"], entry["b"]] = Collision(**fields)
+            elif entry.get("kind") == "Witness":
+                self._witnessed.append(Witness(**fields))
 
     def true_pose(self, body: str = BASE_BODY) -> Array:
         """`T_map_body` (4, 4) of a body of the model as it really is; by default the robot's base."""

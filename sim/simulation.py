@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import mujoco
 import numpy as np
@@ -11,9 +12,10 @@ from grape.drivers import Drivers
 from grape.geometry import pose, rotation_to_quaternion, rotation_z
 from grape.messages import Array
 from grape.robots import RobotDescription
+from grape.sim.checkpoint import Checkpoint
 from grape.sim.compose import BASE_JOINT, DISPENSER, compose, compose_seen
 from grape.sim.drivers import SensorOptions, connect
-from grape.sim.faults import Fault, apply_fault
+from grape.sim.faults import Fault, apply_fault, fault_record, repeat_fault
 from grape.sim.physics import STEPS_PER_SECOND, Physics, SimulatedClock
 from grape.sim.raycast import Raycaster
 from grape.sim.referee import Referee
@@ -65,6 +67,7 @@ class Simulation:
         self._drivers.sample(0)
         self.referee = Referee(self._physics, world, robot)
         self._renderers: dict[tuple[int, int], Renderer] = {}
+        self._checkpoint: Checkpoint | None = None
 
     @property
     def clock(self) -> SimulatedClock:
@@ -87,10 +90,38 @@ class Simulation:
             self._physics.step()
             self.referee.watch()
             self._drivers.sample(self._physics.clock.step)
+        if self._checkpoint is not None:
+            self._checkpoint.save(self.referee.news())
+
+    def keep(self, folder: Path) -> bool:
+        """Keep the world in a folder from now on, at every call of `advance`; one that was kept there comes back first.
+
+        What comes back is as it was, driver for driver; only messages that nobody had read yet are gone.
+
+        Returns:
+            Whether a world came back.
+
+        Raises:
+            InvalidInput: what is in the folder is of another world.
+        """
+        parts = (*self._drivers.sensors.values(), *self.referee.tallies)
+        checkpoint = self._checkpoint = Checkpoint(folder, self._physics, parts)
+        came_back = checkpoint.kept_step() is not None
+        journal = checkpoint.journal()
+        if came_back:
+            for record in (entry for entry in journal if "fault" in entry):
+                self._physics.clock.step = record["step"]
+                repeat_fault(record, self._physics, self._drivers)
+            self.referee.recall(journal)
+            checkpoint.restore()
+        checkpoint.save()
+        return came_back
 
     def inject(self, fault: Fault) -> None:
         """Let something go wrong, now."""
         apply_fault(fault, self._physics, self._drivers)
+        if self._checkpoint is not None:
+            self._checkpoint.save([{"step": self._physics.clock.step, **fault_record(fault)}])
 
     def render(self, camera: str | View | None = None, width: int = 960, height: int = 720) -> Array:
         """A picture (h, w, 3) RGB uint8 by a camera of the model or a free one (default: behind the robot)."""
@@ -111,7 +142,10 @@ class Simulation:
         )
 
     def close(self) -> None:
-        """Give the graphics memory back."""
+        """Give the graphics memory back, and close the files of `keep`."""
+        if self._checkpoint is not None:
+            self._checkpoint.close()
+            self._checkpoint = None
         self._drivers.close()
         for renderer in self._renderers.values():
             renderer.close()

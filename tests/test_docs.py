@@ -23,7 +23,7 @@ from grape.campaign.watch import Standing
 from grape.config import model_of
 from grape.errors import Reason
 from grape.mission.file import MissionFile, Selection, load_mission
-from grape.mission.launch import write_inputs
+from grape.mission.launch import refuse_changed, write_inputs
 from grape.proof import Bench, Experiment, Proof
 from grape.site import load_site, save_site
 
@@ -108,7 +108,12 @@ def test_every_command_in_a_block_is_accepted(
         load_mission(name, [*given, *([f"seed={seed}"] if seed is not None else [])], world)
         return "succeeded"
 
+    def no_resume(folder: Path) -> str:
+        refuse_changed(folder)
+        return "succeeded"
+
     monkeypatch.setattr("grape.mission.command.run_command", dry_run)
+    monkeypatch.setattr("grape.mission.command.resume_command", no_resume)
     monkeypatch.setattr("grape.mission.pictures._take", lambda mission, out: [])
     monkeypatch.setattr("grape.campaign.command.run_jobs", lambda jobs, *rest: Standing(jobs=jobs))
     nothing = Experiment(row="G8", summary="", seeds=range(1), run=lambda *given: Proof(quantities=()))

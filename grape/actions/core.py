@@ -31,6 +31,10 @@ from typing import Any, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 
+from grape.actions.account import Ledger as Ledger
+from grape.actions.account import Outcome as Outcome
+from grape.actions.account import PlantTask as PlantTask
+from grape.actions.account import Step as Step
 from grape.clock import Clock
 from grape.drivers import ArmDriver, BaseDriver, CameraDriver, Drivers, GripperDriver
 from grape.errors import InvalidInput, LeaseRevoked
@@ -147,49 +151,6 @@ class Recorder(Protocol):
 
     def picture(self, name: str, bgr: Array) -> None:
         """A camera picture for the report, (h, w, 3) uint8."""
-        ...
-
-
-class Outcome(StrEnum):
-    """What became of a plant."""
-
-    DEPLOYED = "deployed"
-    SKIPPED = "skipped"
-    FAILED = "failed"
-
-
-@dataclass(frozen=True, kw_only=True)
-class PlantTask:
-    """One plant of the mission as the ledger holds it."""
-
-    plant: str
-    mode: str  # nail | plant | plant_open_loop
-    outcome: Outcome | None = None
-    reason: str = ""
-    attempts: int = 0
-
-
-class Ledger(Protocol):
-    """What was done to which plant and where each dispenser is; survives a kill (SQLite in `mission.ledger`)."""
-
-    def plants(self) -> tuple[PlantTask, ...]:
-        """Every plant of the mission, in the order it is to be served."""
-        ...
-
-    def attempt(self, plant: str) -> int:
-        """Count one more deployment attempt on a plant; returns how many there were."""
-        ...
-
-    def finish(self, plant: str, outcome: Outcome, reason: str = "") -> None:
-        """Write down what became of a plant."""
-        ...
-
-    def move_dispenser(self, source: str, target: str) -> None:
-        """One dispenser went from a place to another: feeder, hand, lost or a plant's id."""
-        ...
-
-    def dispensers(self) -> Mapping[str, int]:
-        """How many dispensers are at each place: feeder, hand, lost and plants' ids."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""`grape run` behind its options: signals, live display, summary."""
+"""`grape run` and `grape resume` behind their options: signals, live display, summary."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rich.console import Console
 
 from grape.mission.display import ProgressDisplay, summary
 from grape.mission.file import load_mission
-from grape.mission.launch import run_mission
+from grape.mission.launch import MissionRun, resume_mission, run_mission
 
 
 class Cancellation:
@@ -58,6 +58,26 @@ def run_command(
     cancellation = Cancellation()
     with cancellation.listening(), ProgressDisplay(console) as display:
         done = run_mission(mission, out, cancelled=cancellation, on_progress=display.show, render=render)
+    return _tell(console, done)
+
+
+def resume_command(folder: Path) -> str:
+    """Go on with a run as `grape resume` does; returns its status.
+
+    Raises:
+        GrapeError: the folder is no run that can be resumed.
+    """
+    console = Console()
+    console.print(f"resuming [bold]{folder}[/]: building world and robot …", highlight=False, soft_wrap=True)
+    cancellation = Cancellation()
+    with cancellation.listening(), ProgressDisplay(console) as display:
+        done = resume_mission(folder, cancelled=cancellation, on_progress=display.show)
+    if not done.resumed:
+        console.print(f"it has ended already, by {done.result['ended_by']}: nothing was done", highlight=False)
+    return _tell(console, done)
+
+
+def _tell(console: Console, done: MissionRun) -> str:
     console.print(summary(done.result))
     console.print(f"run folder: {done.folder}", highlight=False, soft_wrap=True)
     return str(done.result["status"])

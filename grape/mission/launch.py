@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +13,12 @@ from typing import Any
 import numpy as np
 from ruamel.yaml import YAML
 
-from grape.actions.core import Context
+from grape import __version__
 from grape.errors import InvalidInput
 from grape.mission.catalog import nodes, robot_description, world_type
-from grape.mission.file import Mission
+from grape.mission.file import Mission, load_mission
+from grape.mission.ledger import SqliteLedger
+from grape.mission.lock import RunLock
 from grape.mission.progress import Progress
 from grape.mission.record import read_events, write_atomic
 from grape.mission.result import build_result, write_result
@@ -22,14 +26,18 @@ from grape.mission.runner import Runner
 from grape.site import save_site
 
 RENDER_PERIOD_S = 10.0
+UNATTENDED_S = 1.0  # simulated between a kill and the next session: longer than any actuator's time-out
+WORLD_FOLDER = "world"  # the simulated world's own; no robot reads it
+INPUTS = ("mission.yaml", "tree.xml", "site.geojson")
 
 
 @dataclass(frozen=True, kw_only=True)
 class MissionRun:
-    """A finished run: its folder and the content of its result.json."""
+    """A finished run: its folder, the content of its result.json, and whether anything was left to do."""
 
     folder: Path
     result: dict[str, Any]
+    resumed: bool = True
 
 
 def run_mission(
@@ -52,13 +60,68 @@ def run_mission(
         FileError: the tree file has problems.
         InvalidInput: robot, world and options do not fit together, or `out` holds something.
     """
+    refuse_used(out)
+    scene = build_scene(mission)
+    try:
+        folder = make_folder(out, mission)
+        with RunLock(folder):
+            write_inputs(mission, folder)
+            result = execute(scene, folder, cancelled=cancelled, on_progress=on_progress, render=render)
+    finally:
+        scene.simulation.close()
+    return MissionRun(folder=folder, result=result)
+
+
+def resume_mission(
+    folder: Path,
+    *,
+    cancelled: Callable[[], bool] = lambda: False,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+) -> MissionRun:
+    """Go on with a mission that a kill or Ctrl-C has ended; one that has ended by itself stays as it is.
+
+    Args:
+        folder: of the run.
+        cancelled, on_progress: as of `run_mission`.
+
+    Raises:
+        InvalidInput: the folder is no run, another process is at it, or mission or version have changed since.
+    """
+    if not (folder / "mission.yaml").is_file():
+        raise InvalidInput(f"{folder}: no run folder, it has no mission.yaml; runs are started by `grape run`")
+    with RunLock(folder):
+        earlier = ended_result(folder)
+        if earlier is not None:
+            return MissionRun(folder=folder, result=earlier, resumed=False)
+        refuse_changed(folder)
+        scene = build_scene(load_mission(str(folder / "mission.yaml")))
+        try:
+            for name in ("result.json", "report.html"):
+                (folder / name).unlink(missing_ok=True)
+            result = execute(scene, folder, cancelled=cancelled, on_progress=on_progress, resume=True)
+        finally:
+            scene.simulation.close()
+    return MissionRun(folder=folder, result=result)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Scene:
+    """Everything that is built before a run folder is touched."""
+
+    mission: Mission
+    tree: Any
+    robot: Any
+    simulation: Any
+
+
+def build_scene(mission: Mission) -> Scene:
+    """World, robot and tree of a mission; the caller closes its simulation."""
     from grape.actions.robot import build_robot
-    from grape.bt import TreeExecutor, load_tree
+    from grape.bt import load_tree
     from grape.sim.drivers import SensorOptions
     from grape.sim.drivers.arm import ArmDriverOptions
     from grape.sim.simulation import Simulation, SimulationOptions
 
-    refuse_used(out)
     tree = load_tree(mission.tree, nodes(mission.file.task))
     description = robot_description(mission.file.robot)
     robot = build_robot(description)
@@ -66,31 +129,81 @@ def run_mission(
     sensors = SensorOptions(arm=ArmDriverOptions(errors=mission.file.arm_errors))
     options = SimulationOptions(dispensers=mission.file.dispensers, sensors=sensors)
     simulation = Simulation(world, description, seed=mission.seed, options=options)
+    return Scene(mission=mission, tree=tree, robot=robot, simulation=simulation)
 
-    def make_tree(context: Context) -> TreeExecutor:
-        return TreeExecutor(tree, context)
 
-    try:
-        folder = make_folder(out, mission)
-        write_inputs(mission, folder)
-        film = Film(folder, lambda: simulation.render()) if render else None
-        runner = Runner(
-            mission,
-            simulation,
-            robot,
-            folder,
-            make_tree=make_tree,
-            referee=simulation.referee,
-            cancelled=cancelled,
-            on_progress=on_progress,
-            on_beat=film.see if film is not None else lambda now: None,
-        )
-        result = finish(mission, runner, simulation, folder)
-        if film is not None:
-            film.close()
-    finally:
-        simulation.close()
-    return MissionRun(folder=folder, result=result)
+def execute(
+    scene: Scene,
+    folder: Path,
+    *,
+    cancelled: Callable[[], bool],
+    on_progress: Callable[[Progress], None],
+    render: bool = False,
+    resume: bool = False,
+) -> dict[str, Any]:
+    """Run, or go on with, the mission of a scene in its folder; returns the content of result.json."""
+    from grape.bt import TreeExecutor
+
+    simulation = scene.simulation
+    if simulation.keep(folder / WORLD_FOLDER):
+        for _ in range(round(UNATTENDED_S * 100)):  # what the world did while nobody spoke to the actuators
+            simulation.advance()
+    film = Film(folder, lambda: simulation.render()) if render else None
+    runner = Runner(
+        scene.mission,
+        simulation,
+        scene.robot,
+        folder,
+        make_tree=lambda context: TreeExecutor(scene.tree, context),
+        referee=simulation.referee,
+        cancelled=cancelled,
+        on_progress=on_progress,
+        on_beat=film.see if film is not None else lambda now: None,
+        resume=resume,
+        facts=identity(folder),
+    )
+    result = finish(scene.mission, runner, simulation, folder)
+    if film is not None:
+        film.close()
+    return result
+
+
+def identity(folder: Path) -> dict[str, str]:
+    """What a ledger remembers of the program and the inputs that it was begun with."""
+    inputs = b"".join((folder / name).read_bytes() for name in INPUTS)
+    return {"grape": __version__, "inputs": hashlib.sha256(inputs).hexdigest()}
+
+
+def ended_result(folder: Path) -> dict[str, Any] | None:
+    """The result of a run that has ended by itself; None when it can be resumed."""
+    path = folder / "result.json"
+    if not path.exists():
+        return None
+    result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return None if result["ended_by"] == "aborted" else result
+
+
+def refuse_changed(folder: Path) -> None:
+    """Refuse to go on with other inputs or another program than the run was begun with.
+
+    Raises:
+        InvalidInput: they differ, or files are missing.
+    """
+    if not (folder / "ledger.sqlite").exists():
+        return  # killed before anything was done
+    missing = [name for name in INPUTS if not (folder / name).exists()]
+    if missing:
+        raise InvalidInput(f"{folder}: {', '.join(missing)} of the run is missing")
+    ledger = SqliteLedger.open(folder / "ledger.sqlite")
+    begun, now = ledger.facts(), identity(folder)
+    moved = ledger.last_step() is not None
+    ledger.close()
+    if begun.get("grape") != now["grape"]:
+        raise InvalidInput(f"{folder}: grape {begun.get('grape')} began this run, this is grape {now['grape']}")
+    if begun.get("inputs") != now["inputs"]:
+        raise InvalidInput(f"{folder}: {', '.join(INPUTS)} differ from those that the run was begun with")
+    if moved and not (folder / WORLD_FOLDER).is_dir():
+        raise InvalidInput(f"{folder}: the simulated world, {WORLD_FOLDER}/, is gone; the robot has nowhere to go on")
 
 
 def finish(mission: Mission, runner: Runner, simulation: Any, folder: Path) -> dict[str, Any]:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import sqlite3
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from grape.actions.core import Outcome, PlantTask
+from grape.actions.core import Outcome, PlantTask, Step
 from grape.errors import InvalidInput, did_you_mean
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 FEEDER, HAND, LOST = "feeder", "hand", "lost"
 _TABLES = """
 CREATE TABLE plants (
@@ -17,6 +20,11 @@ CREATE TABLE plants (
     outcome TEXT, reason TEXT NOT NULL DEFAULT '', attempts INTEGER NOT NULL DEFAULT 0);
 CREATE TABLE dispensers (place TEXT PRIMARY KEY, number INTEGER NOT NULL CHECK (number >= 0));
 CREATE TABLE moves (number INTEGER PRIMARY KEY AUTOINCREMENT, source TEXT NOT NULL, target TEXT NOT NULL);
+CREATE TABLE steps (
+    number INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, plant TEXT NOT NULL, details TEXT NOT NULL,
+    outcome TEXT);
+CREATE TABLE stop (key TEXT PRIMARY KEY, value NOT NULL);
+CREATE TABLE facts (key TEXT PRIMARY KEY, value TEXT NOT NULL);
 """
 
 
@@ -32,12 +40,15 @@ class SqliteLedger:
         self._db.execute("PRAGMA synchronous = FULL")
 
     @classmethod
-    def create(cls, path: Path, plants: Iterable[tuple[str, str]], loaded: int) -> SqliteLedger:
-        """A new ledger.
+    def create(
+        cls, path: Path, plants: Iterable[tuple[str, str]], loaded: int, facts: Mapping[str, str] | None = None
+    ) -> SqliteLedger:
+        """A new ledger; its file appears whole or not at all.
 
         Args:
             plants: (id, mode) in the order of service.
             loaded: dispensers in the feeder at the start.
+            facts: what else to write down about the mission.
 
         Raises:
             InvalidInput: the file exists, a plant is named twice, or `loaded` is negative.
@@ -51,7 +62,10 @@ class SqliteLedger:
             raise InvalidInput(f"loaded must be at least 0, got {loaded}")
         if path.exists():
             raise InvalidInput(f"{path} exists: a ledger is never overwritten")
-        ledger = cls(sqlite3.connect(path, isolation_level=None))
+        part = path.with_name(path.name + ".part")
+        for left in (part, part.with_name(part.name + "-wal"), part.with_name(part.name + "-shm")):
+            left.unlink(missing_ok=True)
+        ledger = cls(sqlite3.connect(part, isolation_level=None))
         db = ledger._db
         db.executescript(f"BEGIN; {_TABLES} PRAGMA user_version = {SCHEMA_VERSION}; COMMIT;")
         with db:
@@ -59,7 +73,10 @@ class SqliteLedger:
             db.executemany("INSERT INTO plants (position, plant, mode) VALUES (?, ?, ?)", rows)
             places = [(FEEDER, loaded), (HAND, 0), (LOST, 0), *((name, 0) for name in names)]
             db.executemany("INSERT INTO dispensers (place, number) VALUES (?, ?)", places)
-        return ledger
+            db.executemany("INSERT INTO facts (key, value) VALUES (?, ?)", (facts or {}).items())
+        ledger.close()
+        part.replace(path)
+        return cls(sqlite3.connect(path, isolation_level=None))
 
     @classmethod
     def open(cls, path: Path) -> SqliteLedger:
@@ -99,6 +116,67 @@ class SqliteLedger:
         self._known(plant)
         values = (str(Outcome(outcome)), str(reason), plant)
         self._db.execute("UPDATE plants SET outcome = ?, reason = ? WHERE plant = ?", values)
+
+    def reopen(self, reason: str) -> None:
+        """Plants that were skipped for a reason are open again."""
+        self._db.execute(
+            "UPDATE plants SET outcome = NULL, reason = '' WHERE outcome = ? AND reason = ?",
+            (str(Outcome.SKIPPED), reason),
+        )
+
+    @contextmanager
+    def step(self, name: str, plant: str = "", *, moves_base: bool = False, **details: Any) -> Iterator[None]:
+        """Around a step that changes the world: it is written down before, its outcome after.
+
+        An error makes the outcome "failed"; a kill, or a halt of the tree, leaves the step without one.
+
+        Args:
+            name, plant: what is done, and for which plant.
+            moves_base: what was remembered of this stop is forgotten.
+            details: where and how, JSON-able.
+        """
+        with self._db:
+            self._db.execute("BEGIN IMMEDIATE")
+            if moves_base:
+                self._db.execute("DELETE FROM stop")
+            query = "INSERT INTO steps (name, plant, details) VALUES (?, ?, ?)"
+            number = self._db.execute(query, (name, plant, json.dumps(details))).lastrowid
+        outcome = "done"
+        try:
+            yield
+        except Exception:
+            outcome = "failed"
+            raise
+        except BaseException:
+            outcome = ""
+            raise
+        finally:
+            if outcome:
+                self._db.execute("UPDATE steps SET outcome = ? WHERE number = ?", (outcome, number))
+
+    def last_step(self) -> Step | None:
+        """The step that was begun last."""
+        query = "SELECT name, plant, details, outcome FROM steps ORDER BY number DESC LIMIT 1"
+        row = self._db.execute(query).fetchone()
+        return None if row is None else Step(name=row[0], plant=row[1], details=json.loads(row[2]), outcome=row[3])
+
+    def remember(self, key: str, value: Any) -> None:
+        """Keep something for as long as the base stands where it is: JSON-able, or bytes."""
+        kept = value if isinstance(value, bytes) else json.dumps(value)
+        self._db.execute("INSERT OR REPLACE INTO stop (key, value) VALUES (?, ?)", (key, kept))
+
+    def recall(self, key: str) -> Any:
+        """What was remembered since the base moved last; None when nothing was."""
+        row = self._db.execute("SELECT value FROM stop WHERE key = ?", (key,)).fetchone()
+        return None if row is None else row[0] if isinstance(row[0], bytes) else json.loads(row[0])
+
+    def note(self, key: str, value: str) -> None:
+        """Write down a fact about the mission as a whole."""
+        self._db.execute("INSERT OR REPLACE INTO facts (key, value) VALUES (?, ?)", (key, value))
+
+    def facts(self) -> dict[str, str]:
+        """What was written down about the mission as a whole."""
+        return dict(self._db.execute("SELECT key, value FROM facts"))
 
     def move_dispenser(self, source: str, target: str) -> None:
         """One dispenser went from a place to another: feeder, hand, lost or a plant's id.

@@ -39,7 +39,7 @@ class ProgressTracker:
 
     def __init__(self, plants: Sequence[str]) -> None:
         self._plants = len(plants)
-        self._finished: set[str] = set()
+        self.finished: set[str] = set()
         self.plant = ""
         self.phase = "starting"
 
@@ -49,7 +49,7 @@ class ProgressTracker:
         if kind == "plant_started":
             self.plant = str(event["plant"])
         elif kind == "plant_finished":
-            self._finished.add(str(event["plant"]))
+            self.finished.add(str(event["plant"]))
         elif kind == "action" and event["status"] == "active":
             self.phase = str(event["name"])
 
@@ -58,7 +58,7 @@ class ProgressTracker:
         return Progress(
             phase=self.phase,
             plant=self.plant,
-            done=len(self._finished),
+            done=len(self.finished),
             plants=self._plants,
             sim_time_s=sim_time_s,
             wall_time_s=wall_time_s,

@@ -23,9 +23,10 @@ class RunRecorder:
     """The `Recorder` of a run folder: `events.jsonl` and `pictures/`. Stamps are the mission's time, never the wall's.
 
     Args:
-        folder: exists and holds no events yet.
+        folder: exists.
         max_pictures: pictures beyond that are counted, not kept.
         observer: is shown every event as it is written.
+        resume: go on after the events and pictures that are there, shown to `observer` first; else there must be none.
     """
 
     def __init__(
@@ -34,13 +35,21 @@ class RunRecorder:
         clock: Clock,
         max_pictures: int = 200,
         observer: Callable[[dict[str, Any]], None] = lambda event: None,
+        resume: bool = False,
     ) -> None:
         self._observer = observer
         self._folder = folder
         self._clock = clock
         self._max_pictures = max_pictures
         self._pictures = 0
-        self._file: TextIO = (folder / "events.jsonl").open("x", encoding="utf-8", buffering=1)
+        path = folder / "events.jsonl"
+        if resume and path.exists():
+            cut_torn_line(path)
+            for event in read_events(path):
+                observer(event)
+            numbers = [int(picture.name[:3]) for picture in (folder / "pictures").glob("[0-9][0-9][0-9]_*.png")]
+            self._pictures = max(numbers, default=0)
+        self._file: TextIO = path.open("a" if resume else "x", encoding="utf-8", buffering=1)
 
     def event(self, kind: str, /, **fields: Any) -> None:
         """One line: time, kind and the fields; arrays become rounded lists, NaN and infinity null."""
@@ -100,6 +109,15 @@ def read_events(path: Path) -> Iterator[dict[str, Any]]:
         for line in file:
             if line.endswith("\n"):
                 yield json.loads(line)
+
+
+def cut_torn_line(path: Path) -> None:
+    """Take a last line without an end, which a kill has cut off, out of a text file."""
+    content = path.read_bytes()
+    whole = content.rfind(b"\n") + 1
+    if whole < len(content):
+        with path.open("r+b") as file:
+            file.truncate(whole)
 
 
 def write_atomic(path: Path, text: str) -> None:

@@ -63,10 +63,11 @@ def _header(result: dict[str, Any]) -> str:
         (str(truth.get("fence_crossings", "–")), "fences crossed"),
         (number(result["navigation"]["distance_m"], 0, " m"), "driven"),
     ]
+    ended = f"ended by {result['ended_by']}" + (f" · {n} sessions" if (n := result.get("sessions", 1)) > 1 else "")
     detail = f'<p class="detail">{escape(result["detail"])}</p>' if result.get("detail") else ""
     return (
         f'<header><h1>{escape(result["mission"])} <span class="badge {result["status"]}">{result["status"]}</span></h1>'
-        f'<p class="sub">robot {escape(result["robot"])} · seed {result["seed"]} · ended by {result["ended_by"]}</p>'
+        f'<p class="sub">robot {escape(result["robot"])} · seed {result["seed"]} · {ended}</p>'
         f"{detail}{tiles(figures)}</header>"
     )
 

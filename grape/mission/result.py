@@ -109,6 +109,7 @@ def build_result(
         "sim_time_s": round(finding.sim_time_s, 3),
         "wall_time_s": round(finding.wall_time_s, 3),
         "real_time_factor": round(factor, 3),
+        "sessions": 1 + sum(event["kind"] == "mission_resumed" for event in events),
         "plants": [_plant(task, records.get(task.plant, PlantRecord())) for task in tasks],
         "dispensers": ledger.account(),
         "truth": plain((verdict or {}).get("truth")),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from grape.actions.account import RESUMED
 from grape.actions.core import Context, InlineJobs, Outcome, Status
 from grape.clock import Clock, MonotonicClock
 from grape.drivers import Drivers
@@ -90,6 +91,8 @@ class Runner:
         cancelled: asked every beat; true ends the mission as aborted.
         on_progress: called a few times a second of the wall clock.
         on_beat: called after every beat with the time; for pictures.
+        resume: go on with the mission whose ledger, events and track are in the folder, as far as they are there.
+        facts: what to write into a new ledger about the mission as a whole.
     """
 
     def __init__(
@@ -104,6 +107,8 @@ class Runner:
         cancelled: Callable[[], bool] = lambda: False,
         on_progress: Callable[[Progress], None] = lambda progress: None,
         on_beat: Callable[[float], None] = lambda now: None,
+        resume: bool = False,
+        facts: Mapping[str, str] | None = None,
     ) -> None:
         self._mission = mission
         self._backend = backend
@@ -112,9 +117,12 @@ class Runner:
         self._on_progress = on_progress
         self._on_beat = on_beat
         self._tracker = ProgressTracker([plant.plant for plant in mission.plants])
-        self.log = RunRecorder(folder, backend.clock, observer=self._see)
-        pairs = [(plant.plant, plant.mode) for plant in mission.plants]
-        self.ledger = SqliteLedger.create(folder / "ledger.sqlite", pairs, mission.file.dispensers)
+        self.log = RunRecorder(folder, backend.clock, observer=self._see, resume=resume)
+        self._track = Track(folder / "track.csv")
+        self._earlier_s = self._track.wall_s
+        self.ledger = _ledger(mission, folder / "ledger.sqlite", resume, facts or {})
+        self._session = int(self.ledger.facts().get("sessions", 0)) + 1
+        self.ledger.note("sessions", str(self._session))
         self.context = Context(
             clock=backend.clock,
             world=World(site=mission.site),
@@ -123,7 +131,7 @@ class Runner:
             jobs=InlineJobs(),
             log=self.log,
             ledger=self.ledger,
-            rng=np.random.default_rng([mission.seed, 7]),
+            rng=np.random.default_rng([mission.seed, 7, *([self._session] if self._session > 1 else [])]),
             config=mission.actions,
         )
         self._sensing = Sensing(backend.drivers, self.context.world, robot)
@@ -132,12 +140,15 @@ class Runner:
     def run(self) -> Finding:
         """Beat until the tree ends, time is up, somebody cancels, or something breaks; the robot stands afterwards."""
         wall = MonotonicClock()
-        finding = Finding()
-        self.log.event("mission_started", mission=self._mission.name, seed=self._mission.seed)
+        finding = Finding(track=self._track)
+        if self._session > 1:
+            self._take_up()
+        else:
+            self.log.event("mission_started", mission=self._mission.name, seed=self._mission.seed)
         tree: Tree | None = None
         try:
             tree = self._make_tree(self.context)
-            finding.ended_by, status = self._beat(tree, finding.track, wall)
+            finding.ended_by, status = self._beat(tree, wall)
             if status is Status.ABORTED and tree.last_failure is not None:
                 failure = tree.last_failure
                 finding.detail = f"{failure.path}: {failure.reason}: {failure.detail}"
@@ -146,7 +157,7 @@ class Runner:
         except Exception as error:  # whatever broke, the robot stops and the folder is completed
             finding.ended_by, finding.detail = "crash", f"{type(error).__name__}: {error}"
         finding.sim_time_s = self._backend.clock.now()
-        finding.wall_time_s = wall.now()
+        finding.wall_time_s = self._earlier_s + wall.now()
         self._stop(tree, finding)
         self._close_account(finding)
         self.log.event("mission_ended", ended_by=finding.ended_by, detail=finding.detail)
@@ -155,6 +166,7 @@ class Runner:
     def close(self) -> None:
         """Close the files of the folder."""
         self.log.close()
+        self._track.close()
         self.ledger.close()
 
     def _see(self, event: dict[str, Any]) -> None:
@@ -163,7 +175,23 @@ class Runner:
         if self._referee is not None and event["kind"] == "check":
             self._referee.witness(str(event["check"]), self._tracker.plant)
 
-    def _beat(self, tree: Tree, track: Track, wall: MonotonicClock) -> tuple[str, Status]:
+    def _take_up(self) -> None:
+        """Go on where a kill or Ctrl-C has ended an earlier session."""
+        self.ledger.reopen("aborted")
+        last = self.ledger.last_step()
+        self.log.event(
+            "mission_resumed",
+            session=self._session,
+            step=last.name if last else "",
+            plant=last.plant if last else "",
+            outcome=last.outcome if last else None,
+        )
+        for task in self.ledger.plants():  # outcomes that were written down but not yet told
+            if task.outcome is not None and task.plant not in self._tracker.finished:
+                self.log.event("plant_finished", plant=task.plant, outcome=str(task.outcome), reason=task.reason)
+        self.context.world.committed[RESUMED] = True
+
+    def _beat(self, tree: Tree, wall: MonotonicClock) -> tuple[str, Status]:
         clock, next_track, next_progress = self._backend.clock, 0.0, 0.0
         while True:
             now = clock.now()
@@ -172,7 +200,7 @@ class Runner:
             if self._referee is not None:
                 self._referee.observe(odometry)
             if odometry is not None and now >= next_track:
-                track.add(now, odometry.pose, float(odometry.linear[0]))
+                self._track.add(now, odometry.pose, float(odometry.linear[0]), self._earlier_s + wall.now())
                 next_track = now + TRACK_PERIOD_S - 1e-6
             if now >= self._mission.file.time_limit_s:
                 return "time_limit", Status.ACTIVE
@@ -184,7 +212,7 @@ class Runner:
             self._backend.advance()
             self._on_beat(now)
             if wall.now() >= next_progress:
-                self._on_progress(self._tracker.progress(now, wall.now()))
+                self._on_progress(self._tracker.progress(now, self._earlier_s + wall.now()))
                 next_progress = wall.now() + PROGRESS_PERIOD_S
 
     def _stop(self, tree: Tree | None, finding: Finding) -> None:
@@ -212,3 +240,10 @@ class Runner:
                 continue
             why = finding.ended_by if finding.ended_by != "tree" else Reason.FEEDER_EMPTY if empty else "not_served"
             self.ledger.finish(task.plant, Outcome.SKIPPED, "not_served" if why == "crash" else why)
+
+
+def _ledger(mission: Mission, path: Path, resume: bool, facts: Mapping[str, str]) -> SqliteLedger:
+    if resume and path.exists():
+        return SqliteLedger.open(path)
+    pairs = [(plant.plant, plant.mode) for plant in mission.plants]
+    return SqliteLedger.create(path, pairs, mission.file.dispensers, facts)

@@ -43,6 +43,8 @@ class SimulatedArm(SampledSensor[JointState]):
     as its motor does once the play of the gear is used up, and the encoder is off by its bias.
     """
 
+    STATE = (*SampledSensor.STATE, "_target", "_velocity", "_reference", "_link", "_last_send")
+
     def __init__(self, physics: Physics, limits: ArmLimits, seed: int, options: ArmDriverOptions) -> None:
         super().__init__(physics, "arm", options.beat_s)
         self._limits = limits

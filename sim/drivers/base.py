@@ -38,6 +38,8 @@ class BaseOptions:
 class SimulatedBase(SampledSensor[JointState]):
     """Wheels driven by velocity servos that also hold their angle (the integral part of a motor controller)."""
 
+    STATE = (*SampledSensor.STATE, "_target", "_linear", "_angular", "_reference", "_last_send", "_previous")
+
     def __init__(self, physics: Physics, seed: int, options: BaseOptions) -> None:
         super().__init__(physics, "base", options.period_s)
         self._options = options

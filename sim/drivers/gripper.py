@@ -26,6 +26,8 @@ class GripperOptions:
 class SimulatedGripper(SampledSensor[GripperState]):
     """Position actuators of the fingers."""
 
+    STATE = (*SampledSensor.STATE, "_target", "_reference")
+
     def __init__(self, physics: Physics, seed: int, options: GripperOptions) -> None:
         super().__init__(physics, "gripper", options.period_s)
         self._options = options

@@ -39,6 +39,8 @@ class ImuOptions:
 class SimulatedImu(SampledSensor[Imu]):
     """An attitude sensor with a compass; its axes are parallel to those of the body it is mounted on."""
 
+    STATE = (*SampledSensor.STATE, "_velocity")
+
     def __init__(self, physics: Physics, seed: int, options: ImuOptions) -> None:
         super().__init__(physics, "imu", options.period_s)
         self._options = options
@@ -52,7 +54,7 @@ class SimulatedImu(SampledSensor[Imu]):
         self._gyro_bias = options.gyro_bias * rng.standard_normal(3)
         self._accel_bias = options.accel_bias * rng.standard_normal(3)
         self._heading = SlowDrift(rng, options.heading_drift, 1, (60.0, 600.0))
-        self._velocity: Array | None = None
+        self._velocity = np.full(3, np.nan)  # of the mount at the last sample
 
     def _snapshot(self) -> tuple[Array, Array, Array]:
         data = self._physics.data
@@ -61,7 +63,7 @@ class SimulatedImu(SampledSensor[Imu]):
         R = np.empty(9)
         mujoco.mju_quat2Mat(R, quaternion)
         velocity = data.qvel[self._qvel : self._qvel + 3] + R.reshape(3, 3) @ np.cross(rate, self._mount)
-        before = velocity if self._velocity is None else self._velocity
+        before = velocity if np.isnan(self._velocity[0]) else self._velocity
         self._velocity = velocity
         acceleration = (velocity - before) / self._options.period_s  # the mean since the last sample
         return quaternion, rate, acceleration

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import takewhile
-from typing import Any, Generic, TypeVar
+from typing import Any, ClassVar, Generic, TypeVar
 
 from grape.errors import InvalidInput, StaleData
 from grape.messages import Message
@@ -28,6 +28,9 @@ class _Slot(Generic[M]):
 class SampledSensor(ABC, Generic[M]):
     """Base of the simulated sensors.
 
+    `STATE` names the attributes that a checkpoint of the world keeps: numbers, or tuples and arrays of them, that the
+    next samples and movements depend on. Messages that nobody has read yet are not among them.
+
     Args:
         physics: the scene it looks at.
         name: for error texts.
@@ -37,6 +40,8 @@ class SampledSensor(ABC, Generic[M]):
     Raises:
         InvalidInput: the period is no whole number of steps.
     """
+
+    STATE: ClassVar[tuple[str, ...]] = ("_frozen",)
 
     def __init__(self, physics: Physics, name: str, period_s: float, latency_s: float = 0.0) -> None:
         steps = round(period_s * STEPS_PER_SECOND)

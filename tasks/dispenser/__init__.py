@@ -23,11 +23,20 @@ from grape.tasks.dispenser.actions.holds_dispenser import holds_dispenser
 from grape.tasks.dispenser.actions.lower_onto_target import lower_onto_target
 from grape.tasks.dispenser.actions.next_plant import next_plant
 from grape.tasks.dispenser.actions.next_target import next_target
+from grape.tasks.dispenser.actions.recall_targets import recall_targets
 from grape.tasks.dispenser.actions.scan_vine import scan_vine
 from grape.tasks.dispenser.actions.servo_to_feeder import servo_to_feeder
 from grape.tasks.dispenser.actions.servo_to_nail import servo_to_nail
 from grape.tasks.dispenser.actions.servo_to_spur import servo_to_spur
-from grape.tasks.dispenser.conditions import dispensers_left, mode_is, reason_is_one_of
+from grape.tasks.dispenser.actions.settle_account import settle_account
+from grape.tasks.dispenser.actions.withdraw_hand import withdraw_hand
+from grape.tasks.dispenser.conditions import (
+    dispensers_left,
+    interrupted,
+    mode_is,
+    reason_is_one_of,
+    remembers_targets,
+)
 
 TASK = Task(
     name="dispenser",
@@ -49,15 +58,18 @@ TASK = Task(
         move_arm_to_named,
         next_plant,
         next_target,
+        recall_targets,
         retract,
         scan_vine,
         servo_to_feeder,
         servo_to_nail,
         servo_to_spur,
+        settle_account,
         unwind,
         wait_for_localization,
+        withdraw_hand,
     ),
-    conditions=(dispensers_left, mode_is, reason_is_one_of),
+    conditions=(dispensers_left, interrupted, mode_is, reason_is_one_of, remembers_targets),
     trees={"dispenser_deployment": Path(grape.trees.__file__).with_name("dispenser_deployment.xml")},
     missions={path.stem: path for path in sorted((Path(__file__).parent / "missions").glob("*.yaml"))},
 )

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from grape.actions.account import RESUMED
 from grape.actions.core import Context, condition
+from grape.tasks.dispenser.actions.next_target import remembered
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,3 +47,27 @@ def dispensers_left(goal: DispensersLeftGoal, ctx: Context) -> bool:
     """Whether the feeder or the hand still holds a dispenser, by the robot's own account."""
     places = ctx.ledger.dispensers()
     return places.get("hand", 0) > 0 or (places.get("feeder", 0) > 0 and not ctx.world.committed.get("feeder_empty"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class InterruptedGoal:
+    """No inputs: the mission knows whether it goes on after a kill or Ctrl-C."""
+
+
+@condition("Interrupted")
+def interrupted(goal: InterruptedGoal, ctx: Context) -> bool:
+    """Whether an earlier session of the mission was cut off, and what it left behind is not settled yet."""
+    return bool(ctx.world.committed.get(RESUMED))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RemembersTargetsGoal:
+    """Attributes: plant: id in the site file."""
+
+    plant: str
+
+
+@condition("RemembersTargets")
+def remembers_targets(goal: RemembersTargetsGoal, ctx: Context) -> bool:
+    """Whether deployment poses of a plant were found at this very stop, before an interruption."""
+    return bool(remembered(ctx, goal.plant))

@@ -6,7 +6,7 @@ loop on the +y side of the nail line. Source: grape's contact study (docs/decisi
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -53,6 +53,11 @@ class HangTarget:
             if value.shape != (3,) or not np.isfinite(value).all():
                 raise InvalidInput(f"{name} must be three finite numbers, got {value}")
             object.__setattr__(self, name, frozen_array(value))
+
+    def as_record(self) -> dict[str, Any]:
+        """The target as JSON has it, for the ledger."""
+        plain = np.ndarray | np.generic
+        return {name: v.tolist() if isinstance(v, plain) else v for name, v in asdict(self).items()}
 
     @property
     def approach(self) -> Array:

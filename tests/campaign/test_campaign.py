@@ -55,7 +55,7 @@ def test_groups_carry_mode_conditions_and_rates(summary: Any) -> None:
     bad = groups["plant", "cordon", 0.1]  # seed 1
     assert (bad["n"], bad["hanging"], bad["rate"], bad["cycle_s_median"]) == (1, 0, 0.0, None)
     assert bad["wilson95"] == pytest.approx([0.0, 0.793], abs=0.001)
-    assert (bad["light"], bad["arm_errors"]) == ("noon", None)
+    assert (bad["light"], bad["arm_errors"]) == ("noon", 0.0)
     modes = {entry["value"]: entry["hanging"] for entry in summary["by"]["mode"]}
     assert modes == {"plant": 3, "nail": 3}
 

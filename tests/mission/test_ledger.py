@@ -6,11 +6,12 @@ import os
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from grape.actions.core import Outcome, PlantTask
+from grape.actions.core import Outcome, PlantTask, Step
 from grape.errors import InvalidInput
 from grape.mission.ledger import SqliteLedger
 
@@ -109,3 +110,47 @@ def test_closing_folds_the_journal_into_one_file(ledger: SqliteLedger, tmp_path:
     ledger.close()
     assert [path.name for path in tmp_path.iterdir()] == ["ledger.sqlite"]
     assert SqliteLedger.open(tmp_path / "ledger.sqlite").account()["on_hand"] == 1
+
+
+def test_a_step_is_written_before_and_its_outcome_after(ledger: SqliteLedger) -> None:
+    assert ledger.last_step() is None
+    with ledger.step("release", "r0n0", target=[1, 2]):
+        begun = ledger.last_step()
+    assert begun == Step(name="release", plant="r0n0", details={"target": [1, 2]})
+    done = ledger.last_step()
+    assert done is not None and done.outcome == "done"
+    with pytest.raises(ValueError, match="oops"), ledger.step("grasp"):
+        raise ValueError("oops")
+    failed = ledger.last_step()
+    assert failed is not None and (failed.name, failed.outcome) == ("grasp", "failed")
+
+
+def test_a_step_that_is_halted_stays_open(ledger: SqliteLedger) -> None:
+    def action() -> Iterator[None]:
+        with ledger.step("place", "r0v1"):
+            yield
+
+    running = action()
+    next(running)
+    running.close()  # type: ignore[attr-defined]
+    assert ledger.last_step() == Step(name="place", plant="r0v1")
+
+
+def test_what_was_remembered_lasts_until_the_base_moves(ledger: SqliteLedger, tmp_path: Path) -> None:
+    ledger.remember("cloud", b"\x00\x01")
+    ledger.remember("parked", ["r0v1", "fore"])
+    with ledger.step("grasp"):
+        pass
+    ledger.close()
+    again = SqliteLedger.open(tmp_path / "ledger.sqlite")
+    assert (again.recall("cloud"), again.recall("parked")) == (b"\x00\x01", ["r0v1", "fore"])
+    with again.step("drive", moves_base=True):
+        pass
+    assert again.recall("cloud") is None and again.recall("parked") is None
+
+
+def test_plants_skipped_for_a_reason_can_be_reopened(ledger: SqliteLedger) -> None:
+    ledger.finish("r0v1", Outcome.SKIPPED, "aborted")
+    ledger.finish("r0n0", Outcome.SKIPPED, "unreachable")
+    ledger.reopen("aborted")
+    assert [task.outcome for task in ledger.plants()] == [None, Outcome.SKIPPED]

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 
 from grape.mission.file import load_mission
-from grape.mission.launch import MissionRun, run_mission
+from grape.mission.launch import MissionRun, resume_mission, run_mission
 from grape.mission.ledger import SqliteLedger
 from grape.mission.record import read_events
 from grape.mission.result import without_wall_clock
@@ -96,6 +97,26 @@ def test_ctrl_c_stops_the_robot_and_completes_the_folder(tmp_path: Path) -> None
     result = json.loads((out / "result.json").read_text())
     assert result["status"] == "aborted"
     assert (out / "report.html").exists() and "Traceback" not in text
+
+
+def test_an_aborted_mission_goes_on_where_it_was(short_way: list[str], tmp_path: Path) -> None:
+    def after(beats: int) -> Callable[[], bool]:
+        left = iter(range(beats))
+        return lambda: next(left, None) is None
+
+    mission = load_mission("dispenser_deployment", short_way)
+    first = run_mission(mission, tmp_path / "run", cancelled=after(250)).result
+    assert (first["status"], first["sessions"]) == ("aborted", 1)
+    done = resume_mission(tmp_path / "run", cancelled=after(150))
+    result = done.result
+    assert (result["status"], result["sessions"]) == ("aborted", 2)
+    assert result["sim_time_s"] == pytest.approx(2.5 + 1.0 + 1.0 + 1.5), "stopping, and a second unattended, count"
+    assert result["navigation"]["distance_m"] >= first["navigation"]["distance_m"] > 0.1
+    assert result["wall_time_s"] > first["wall_time_s"]
+    events = list(read_events(done.folder / "events.jsonl"))
+    settled = next(event for event in events if event["kind"] == "settled")
+    assert (settled["step"], settled["hangs"], settled["holds"]) == ("drive", False, False)
+    assert result["localization"]["max_error_m"] < 0.2 and result["truth"]["in_feeder"] == 8
 
 
 @pytest.mark.slow

@@ -41,7 +41,7 @@ def approach_nail(goal: ApproachNailGoal, ctx: Context) -> Generator[Feedback, N
     target = nail_target(ctx, goal.plant, NailBoard())
     attempts = ctx.ledger.attempt(goal.plant)
     line = hang_line(ctx.robot, target, goal.stand_off_m + min(attempts - 1, 2) * goal.farther_m)
-    with ctx.arm.lease("ApproachNail") as arm:
+    with ctx.ledger.step("approach", goal.plant), ctx.arm.lease("ApproachNail") as arm:
         yield from back_off(ctx, arm)  # from where an attempt before has failed
         yield from move_to_pose(
             ctx, arm, line, status="moving in front of target", boxes=row_boxes(ctx, goal.plant, depth_m=0.09)

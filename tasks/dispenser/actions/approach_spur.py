@@ -25,7 +25,7 @@ def approach_spur(goal: ApproachSpurGoal, ctx: Context) -> Generator[Feedback, N
     target = goal.target
     ctx.ledger.attempt(target.plant)
     line = hang_line(ctx.robot, target, goal.stand_off_m)
-    with ctx.arm.lease("ApproachSpur") as arm:
+    with ctx.ledger.step("approach", target.plant), ctx.arm.lease("ApproachSpur") as arm:
         yield from back_off(ctx, arm)  # from where an attempt before has failed
         yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch=(target.tip, TOUCH_M))
     return NoResult()

@@ -11,7 +11,8 @@ from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
 from grape.actions.obstacles import OBSTACLES
 from grape.navigation.route import RouteOptions, park_beside
 
-PARKED = "parked"  # in world.committed: (plant, place) of the present stop
+PARKED = "parked"  # in world.committed: (plant, place) of the present stop; in the ledger as well
+STANDING = "standing"  # in world.committed after an interruption: the plant beside which the base still stands
 ARM_SIDE_M = 0.335  # base_link to the robot's left side
 
 
@@ -34,8 +35,12 @@ class DriveToPlantGoal:
 def drive_to_plant(goal: DriveToPlantGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
     """Drives to a stop beside a plant, the row on the left; called again for the same plant it takes the other stop.
 
-    The plant ends up before the arm's base, or, on the second stop, behind it: straight abreast the arm is singular.
+    After an interruption the base stays where it had stopped. The plant ends up before the arm's base, or, on the
+    second stop, behind it: straight abreast the arm is singular.
     """
+    if ctx.world.committed.pop(STANDING, None) == goal.plant:
+        yield Feedback(status="still standing there")
+        return NoResult()
     place: Literal["fore", "aft"] = "fore"
     if ctx.world.committed.get(PARKED) == (goal.plant, "fore"):
         place = "aft"
@@ -43,7 +48,9 @@ def drive_to_plant(goal: DriveToPlantGoal, ctx: Context) -> Generator[Feedback, 
     ctx.world.committed.pop(OBSTACLES, None)  # seen from the last stop, in the frame of that stop
     route = RouteOptions(lateral=ARM_SIDE_M + goal.row_distance_m)
     x, y, yaw = (float(v) for v in park_beside(ctx.world.site, goal.plant, place, route))
-    result = yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed), ctx)
+    with ctx.ledger.step("drive", goal.plant, moves_base=True, place=place):
+        result = yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed), ctx)
+    ctx.ledger.remember(PARKED, [goal.plant, place])
     ctx.world.committed[PARKED] = (goal.plant, place)
     ctx.log.event(
         "parked",

@@ -68,6 +68,7 @@ def find_deployment_points(
         yield Feedback(status="looking for spurs", progress=0.5 * (k + 1) / len(goal.scan.images))
     poses, cloud = yield from ctx.jobs.run(fuse, looks, goal.scan.sweep, box)
     ctx.world.committed[OBSTACLES] = Obstacles(cloud)
+    ctx.ledger.remember(OBSTACLES, cloud.astype(np.float32).tobytes())
     ctx.log.event(
         "deployment_poses",
         plant=goal.plant,

@@ -45,7 +45,11 @@ def grasp_dispenser(goal: GraspDispenserGoal, ctx: Context) -> Generator[Feedbac
     robot = ctx.robot
     gripper = robot.description.gripper
     options = HandPathOptions(calibrated=True)
-    with ctx.arm.lease("GraspDispenser") as arm, ctx.gripper.lease("GraspDispenser") as fingers:
+    with (
+        ctx.ledger.step("grasp", level=int(goal.level)),
+        ctx.arm.lease("GraspDispenser") as arm,
+        ctx.gripper.lease("GraspDispenser") as fingers,
+    ):
         T_base_nails = robot.hand_pose(calibrated_joints(ctx)) @ robot.hand.T_hand_nails(gripper.closed_angle)
 
         def angle_at(t: float) -> float:

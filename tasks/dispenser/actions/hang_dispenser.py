@@ -36,7 +36,11 @@ def hang_dispenser(goal: HangDispenserGoal, ctx: Context) -> Generator[Feedback,
     """Closes the fingers while the arm keeps the nails in place, then backs off along the fingers."""
     robot = ctx.robot
     gripper = robot.description.gripper
-    with ctx.arm.lease("HangDispenser") as arm, ctx.gripper.lease("HangDispenser") as fingers:
+    with (
+        ctx.ledger.step("release", goal.target.plant, target=goal.target.as_record()),
+        ctx.arm.lease("HangDispenser") as arm,
+        ctx.gripper.lease("HangDispenser") as fingers,
+    ):
         T_base_nails = robot.hand_pose(calibrated_joints(ctx)) @ robot.hand.T_hand_nails(gripper.open_angle)
 
         def angle_at(t: float) -> float:

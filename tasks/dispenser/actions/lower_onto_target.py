@@ -32,7 +32,8 @@ def lower_onto_target(goal: LowerOntoTargetGoal, ctx: Context) -> Generator[Feed
     """Moves straight from the stand-off to the deployment pose, open loop: it is as good as cloud and arm are."""
     robot = ctx.robot
     T_hand_nails = robot.hand.T_hand_nails(robot.description.gripper.open_angle)
-    with ctx.arm.lease("LowerOntoTarget") as arm:
+    step = ctx.ledger.step("place", goal.target.plant, target=goal.target.as_record())
+    with step, ctx.arm.lease("LowerOntoTarget") as arm:
         T_start, T_end = robot.hand_pose(ctx.world.joints()), goal.target.hand_pose(T_hand_nails)
         duration = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3])) / goal.speed
         yield from follow_hand_path(

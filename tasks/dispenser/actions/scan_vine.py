@@ -74,8 +74,9 @@ def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, Sca
     """Moves the wrist along the vine in a straight line at constant orientation and keeps LiDAR scans and frames."""
     path = sweep_path(goal, ctx.robot.description.arm.T_base_link_arm_base, row_distance(ctx, goal.plant))
     with ctx.arm.lease("ScanVine") as arm, ctx.gripper.lease("ScanVine") as gripper:
-        closed = ctx.robot.description.gripper.closed_angle
-        gripper.send(np.array([ctx.robot.description.gripper.thumb_clear, closed, closed]))
+        if not ctx.ledger.dispensers().get("hand", 0):  # open fingers keep a dispenser
+            closed = ctx.robot.description.gripper.closed_angle
+            gripper.send(np.array([ctx.robot.description.gripper.thumb_clear, closed, closed]))
         begin = yield from move_to_pose(
             ctx, arm, path.poses, either_end=True, status="moving to the scan", boxes=row_boxes(ctx, goal.plant)
         )

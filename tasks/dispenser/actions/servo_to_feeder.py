@@ -52,7 +52,7 @@ def servo_to_feeder(goal: ServoToFeederGoal, ctx: Context) -> Generator[Feedback
         T_camera_base = inverse(hand_at_feeder(robot, goal.level, height) @ T_hand_camera)
         return {i: T_camera_base @ described.T_base_link_feeder @ T for i, T in feeder.T_feeder_marker.items()}
 
-    with ctx.arm.lease("ServoToFeeder") as arm:
+    with ctx.ledger.step("insert", level=int(goal.level)), ctx.arm.lease("ServoToFeeder") as arm:
         T_staging = robot.hand_pose(ctx.world.joints())
 
         def attempt() -> Generator[Feedback, None, ServoOutcome]:

@@ -27,7 +27,8 @@ def servo_to_nail(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
     def desired(stand_off: float) -> Mapping[int, Array]:
         return desired_markers(goal.target, board, ids, T_hand_nails, T_hand_camera, stand_off)
 
-    with ctx.arm.lease("ServoToNail") as arm:
+    step = ctx.ledger.step("place", goal.target.plant, target=goal.target.as_record())
+    with step, ctx.arm.lease("ServoToNail") as arm:
 
         def attempt() -> Generator[Feedback, None, ServoOutcome]:
             servo = MarkerServo(

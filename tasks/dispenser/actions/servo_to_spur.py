@@ -34,7 +34,8 @@ def servo_to_spur(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
     def place(stand_off: float) -> Array:
         return transform(inverse(target.hand_pose(T_hand_nails, stand_off) @ T_hand_camera), target.tip)
 
-    with ctx.arm.lease("ServoToSpur") as arm:
+    step = ctx.ledger.step("place", target.plant, target=target.as_record())
+    with step, ctx.arm.lease("ServoToSpur") as arm:
 
         def attempt() -> Generator[Feedback, None, ServoOutcome]:
             options = PointServoOptions(standoff_m=goal.stand_off_m)

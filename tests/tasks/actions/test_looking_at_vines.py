@@ -114,7 +114,7 @@ def test_spurs_of_a_scanned_vine_become_reachable_targets(bench: Bench) -> None:
     spurs = [np.array([x, 0.93, 0.56]) for x in (0.30, 0.50, 0.70)]
     bench.scene.rods = [(np.array([-0.2, 0.955, 0.44]), np.array([1.2, 0.955, 0.44]), 0.02)]
     bench.scene.rods += [(np.array([tip[0], 0.955, 0.44]), tip, 0.006) for tip in spurs]
-    scan = bench.run(scan_vine(ScanVineGoal(plant="v0", return_pitch=0.0, images=6), bench.ctx)).scan
+    scan = bench.run(scan_vine(ScanVineGoal(plant="v0"), bench.ctx)).scan
     found = bench.run(find_deployment_points(FindDeploymentPointsGoal(plant="v0", scan=scan), bench.ctx)).targets
     assert found
     for target in found:

@@ -16,6 +16,7 @@ from grape.actions.core import Outcome
 from grape.errors import ActionFailed, LeaseRevoked
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser import TASK
+from grape.tasks.dispenser.actions.grasp_dispenser import GraspDispenserGoal, grasp_dispenser
 from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, scan_vine
 from grape.tasks.dispenser.feeder import VIEW_M, hand_at_feeder
 
@@ -77,6 +78,17 @@ def scanned(bench: Bench, task: Any) -> dict[str, Any]:
     return {"plant": "n0", "scan": scan}
 
 
+def cut_off_grasp(bench: Bench, task: Any) -> dict[str, Any]:
+    bench.put_hand(hand_at_feeder(bench.robot, 4, 0.0))
+    run = grasp_dispenser(GraspDispenserGoal(level=4), bench.ctx)
+    for _ in range(240):
+        next(run)
+        bench.advance()
+    run.close()
+    bench.advance(30)
+    return {}
+
+
 @dataclass(frozen=True)
 class Case:
     """What an action needs to get going, and which actuators it holds then."""
@@ -102,13 +114,16 @@ CASES = {
     "MoveArmToNamed": Case(lambda bench, task: {"pose": "home"}, ("arm",)),
     "NextPlant": Case(nothing),
     "NextTarget": Case(lambda bench, task: {"plant": "v0", "targets": (task.spur_target(bench),)}),
+    "RecallTargets": Case(lambda bench, task: {"plant": "v0"}),
     "Retract": Case(arm_away, ("arm",)),
     "ScanVine": Case(lambda bench, task: {"plant": "n0"}, ("arm", "gripper")),
     "ServoToFeeder": Case(at_feeder, ("arm",)),
     "ServoToNail": Case(before_nail, ("arm",)),
     "ServoToSpur": Case(before_spur, ("arm",)),
+    "SettleAccount": Case(holding),
     "Unwind": Case(wound, ("arm",)),
     "WaitForLocalization": Case(lost),
+    "WithdrawHand": Case(cut_off_grasp, ("arm", "gripper")),
 }
 MOVING = [name for name, case in CASES.items() if case.holds]
 

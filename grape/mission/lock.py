@@ -1,0 +1,35 @@
+"""One process at a time in a run folder."""
+
+from __future__ import annotations
+
+import fcntl
+from pathlib import Path
+from types import TracebackType
+
+from grape.errors import InvalidInput
+
+LOCK_FILE = "run.lock"
+
+
+class RunLock:
+    """Held while a mission runs in a folder; the system lets go of it when the process dies.
+
+    Raises:
+        InvalidInput: another process holds it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._file = (folder / LOCK_FILE).open("a")
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self._file.close()
+            raise InvalidInput(f"{folder}: another process runs this mission; wait for it, or end it first") from error
+
+    def __enter__(self) -> RunLock:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        self._file.close()

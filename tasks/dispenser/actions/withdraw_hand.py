@@ -1,0 +1,166 @@
+"""After an interruption: bring the hand out of wherever it is."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.actions.core import Context, Feedback, NoResult, Step, action
+from grape.actions.hand_path import HandPathOptions, follow_hand_path, smooth_step, straight
+from grape.actions.obstacles import OBSTACLES, Obstacles
+from grape.actions.servoing import leave
+from grape.drivers import ArmDriver, GripperDriver
+from grape.geometry import interpolate, inverse, pose
+from grape.messages import Array
+from grape.tasks.dispenser.actions.drive_to_plant import PARKED, STANDING
+from grape.tasks.dispenser.actions.grasp_dispenser import GraspDispenserGoal
+from grape.tasks.dispenser.feeder import hand_at_feeder
+from grape.tasks.dispenser.targets import AIM_DEPTH_M, RETREAT_M, HangTarget, hang_line
+
+NEAR_FEEDER_M = 0.08  # beside the loop's place: farther away the hand is not in the feeder
+RISEN_M = 0.003  # a loop that is higher has left its tray
+CLEAR_M = 0.08  # of the loop from the tip, when servoing was cut off
+
+
+@dataclass(frozen=True, kw_only=True)
+class WithdrawHandGoal:
+    """How to go.
+
+    Attributes:
+        close_s: time to close fully opened fingers.
+        speed: m/s, mean, of the hand on its way out.
+    """
+
+    close_s: float = 2.0
+    speed: float = 0.06
+
+
+@action("WithdrawHand")
+def withdraw_hand(goal: WithdrawHandGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
+    """Backs out of feeder or plant the way the hand went in, by the last step of the ledger and the arm's own joints.
+
+    A release that was begun is completed. What was known of this stop (place, obstacles) is known again.
+    """
+    yield Feedback(status="finding out where the hand is")
+    _recall_stop(ctx)
+    step = ctx.ledger.last_step()
+    with ctx.arm.lease("WithdrawHand") as arm, ctx.gripper.lease("WithdrawHand") as fingers:
+        if step is None:
+            return NoResult()
+        if step.name in ("insert", "grasp"):
+            yield from _out_of_feeder(goal, ctx, arm, fingers, int(step.details["level"]))
+        elif release_pending(ctx, step):
+            yield from _complete_release(goal, ctx, arm, fingers, HangTarget(**step.details["target"]))
+        elif step.name == "place" or (step.name == "release" and step.outcome == "failed"):
+            yield from _off_the_tip(ctx, arm, HangTarget(**step.details["target"]))
+    return NoResult()
+
+
+def release_pending(ctx: Context, step: Step) -> bool:
+    """Whether a dispenser was let go, or about to be, and nobody has looked yet what came of it."""
+    if step.name != "release":
+        return False
+    task = next(task for task in ctx.ledger.plants() if task.plant == step.plant)
+    places = ctx.ledger.dispensers()
+    at_stake = places[step.plant] + (places["hand"] if step.outcome is None else 0)
+    return task.outcome is None and at_stake > 0
+
+
+def _recall_stop(ctx: Context) -> None:
+    parked, cloud = ctx.ledger.recall(PARKED), ctx.ledger.recall(OBSTACLES)
+    if parked is not None:
+        ctx.world.committed[PARKED] = tuple(parked)
+        ctx.world.committed[STANDING] = parked[0]
+    if cloud is not None:
+        ctx.world.committed[OBSTACLES] = Obstacles(np.frombuffer(cloud, np.float32).reshape(-1, 3))
+
+
+def _finger_angle(ctx: Context) -> tuple[float, float]:
+    """rad, and 0 (closed) to 1 (open)."""
+    gripper = ctx.robot.description.gripper
+    angle = gripper.closed_angle if ctx.world.gripper is None else float(ctx.world.gripper.position[1:].mean())
+    return angle, (angle - gripper.closed_angle) / (gripper.open_angle - gripper.closed_angle)
+
+
+def _out_of_feeder(
+    goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, level: int
+) -> Generator[Feedback, None, None]:
+    """Straight up; a loop that is open but has not left its tray is let go before, one that has is dragged out."""
+    robot, feeder, way = ctx.robot, ctx.robot.description.feeder, GraspDispenserGoal(level=level)
+    top = (feeder.levels - 1 - level) * feeder.pitch + way.clear_m
+    angle, opened = _finger_angle(ctx)
+    offset = _nails(ctx, angle)[:3, 3] - feeder.T_base_link_level(level)[:3, 3]
+    if np.hypot(*offset[:2]) > NEAR_FEEDER_M or offset[2] > top - 0.01:
+        return
+    if opened > 0.1 and offset[2] < RISEN_M:
+        down = hand_at_feeder(robot, level, 0.0)
+        yield from _close(goal, ctx, arm, fingers, down[:3, :3])
+    elif opened > 0.1 and offset[2] < way.rise_m + 0.02:
+        yield from _go(goal, ctx, arm, np.array([min(0.0, -way.drag_m - offset[0]), 0.0, 0.0]))
+    yield from _go(goal, ctx, arm, np.array([0.0, 0.0, max(0.0, top - offset[2])]))
+
+
+def _complete_release(
+    goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, target: HangTarget
+) -> Generator[Feedback, None, None]:
+    """Close the fingers where they are and back off along them, as far as that was not done yet."""
+    _, opened = _finger_angle(ctx)
+    T = ctx.robot.hand_pose(ctx.world.joints())
+    if opened > 0.05:
+        yield from _close(goal, ctx, arm, fingers, T[:3, :3])
+        T = ctx.robot.hand_pose(ctx.world.joints())
+    released = hang_line(ctx.robot, target, 0.1)[2]
+    gone = float((T[:3, 3] - released[:3, 3]) @ T[:3, 2])
+    yield from _go(goal, ctx, arm, T[:3, 2] * (RETREAT_M - min(max(gone, 0.0), RETREAT_M)))
+
+
+def _off_the_tip(ctx: Context, arm: ArmDriver, target: HangTarget) -> Generator[Feedback, None, None]:
+    """Back along the approach, the fingers as they are, until the loop is clear of the tip."""
+    final = target.hand_pose(ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle))
+    away = ctx.robot.hand_pose(ctx.world.joints())[:3, 3] - final[:3, 3]
+    short = CLEAR_M + AIM_DEPTH_M - float(away @ target.approach)
+    if short > 0.005 and np.linalg.norm(away) < 0.25:
+        yield from leave(ctx, arm, target.approach, short)
+
+
+def _nails(ctx: Context, angle: float) -> Array:
+    """`T_base_nails` as joints and fingers have it."""
+    return np.asarray(ctx.robot.hand_pose(ctx.world.joints()) @ ctx.robot.hand.T_hand_nails(angle))
+
+
+def _close(
+    goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, R_base_hand: Array
+) -> Generator[Feedback, None, None]:
+    """Close the fingers while the nails stay where they are and the hand turns to `R_base_hand` (3, 3)."""
+    robot, gripper = ctx.robot, ctx.robot.description.gripper
+    angle, opened = _finger_angle(ctx)
+    T_first = _nails(ctx, angle)
+    T_last = pose(R_base_hand @ robot.hand.T_hand_nails(gripper.closed_angle)[:3, :3], T_first[:3, 3])
+    duration = max(0.3, goal.close_s * opened)
+
+    def angle_at(t: float) -> float:
+        return angle + smooth_step(t / duration) * (gripper.closed_angle - angle)
+
+    def hand_at(t: float) -> Array:
+        T_base_nails = interpolate(T_first, T_last, smooth_step(t / duration))
+        return np.asarray(T_base_nails @ inverse(robot.hand.T_hand_nails(angle_at(t))))
+
+    yield from follow_hand_path(
+        ctx, arm, hand_at, duration, status="closing the fingers", gripper=fingers,
+        fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]),
+    )  # fmt: skip
+
+
+def _go(goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, way: Array) -> Generator[Feedback, None, None]:
+    """Straight by `way` (3,) m in base_link."""
+    length = float(np.linalg.norm(way))
+    if length < 0.003:
+        return
+    T = ctx.robot.hand_pose(ctx.world.joints())
+    duration = max(0.5, length / goal.speed)
+    yield from follow_hand_path(
+        ctx, arm, straight(T, pose(T[:3, :3], T[:3, 3] + way), duration), duration, status="withdrawing the hand",
+        options=HandPathOptions(tolerance_m=0.08, tolerance_rad=0.5),
+    )  # fmt: skip
