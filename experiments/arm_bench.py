@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Mapping
+from collections.abc import Generator
 from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
 import numpy as np
 
-from grape.actions.core import Context, Feedback, InlineJobs, Outcome, PlantTask
+from grape.actions.core import Context, Feedback, InlineJobs
 from grape.actions.robot import build_robot
 from grape.errors import ActionFailed, Reason
 from grape.geometry import inverse
 from grape.messages import Array, Odometry
+from grape.mission.ledger import SqliteLedger
 from grape.robots import RobotDescription
 from grape.sim.drivers import SensorOptions
 from grape.sim.drivers.arm import ArmDriverOptions
@@ -52,35 +55,6 @@ class BenchLog:
         return [fields for name, fields in self.events if name == kind]
 
 
-class BenchLedger:
-    """An account that lives as long as the bench."""
-
-    def __init__(self, loaded: int) -> None:
-        self._places = {"feeder": loaded, "hand": 0, "lost": 0}
-        self._attempts: dict[str, int] = {}
-
-    def plants(self) -> tuple[PlantTask, ...]:
-        """None: nobody drives."""
-        return ()
-
-    def attempt(self, plant: str) -> int:
-        """Count an attempt."""
-        self._attempts[plant] = self._attempts.get(plant, 0) + 1
-        return self._attempts[plant]
-
-    def finish(self, plant: str, outcome: Outcome, reason: str = "") -> None:
-        """Nothing to finish."""
-
-    def move_dispenser(self, source: str, target: str) -> None:
-        """Move one dispenser."""
-        self._places[source] -= 1
-        self._places[target] = self._places.get(target, 0) + 1
-
-    def dispensers(self) -> Mapping[str, int]:
-        """How many are where."""
-        return dict(self._places)
-
-
 class ArmBench:
     """One parked robot in one world.
 
@@ -107,6 +81,9 @@ class ArmBench:
         self.simulation = Simulation(self.truth, description, seed=world.seed, options=options)
         self.robot = build_robot(description)
         self.log = BenchLog()
+        self._folder = TemporaryDirectory()
+        account = Path(self._folder.name) / "ledger.sqlite"
+        self._ledger = SqliteLedger.create(account, [(parking.plant, "auto")], dispensers)
         self.ctx = Context(
             clock=self.simulation.clock,
             world=World(site=self.truth.site),
@@ -114,7 +91,7 @@ class ArmBench:
             robot=self.robot,
             jobs=InlineJobs(),
             log=self.log,
-            ledger=BenchLedger(dispensers),
+            ledger=self._ledger,
             rng=np.random.default_rng([world.seed, 7]),
         )
         for name, mount in description.mounts.items():
@@ -145,8 +122,10 @@ class ArmBench:
         return inverse(referee.true_pose()) @ referee.true_pose(self.robot.description.arm.tip_frame)
 
     def close(self) -> None:
-        """Give the graphics memory back."""
+        """Give the graphics memory back, and the account's folder."""
         self.simulation.close()
+        self._ledger.close()
+        self._folder.cleanup()
 
     def _sense(self) -> None:
         world, drivers = self.ctx.world, self.ctx.drivers

@@ -14,6 +14,7 @@ import numpy as np
 from grape.experiments.spur_scores import Tally, tally
 from grape.experiments.vine_scans import ScannedVine, scan_simulated_vine
 from grape.perception.cloud import crop_box
+from grape.perception.sweep import Sweep
 from grape.proof import Experiment, Proof, Quantity, wilson95
 from grape.tasks.dispenser.actions.find_deployment_points import (
     Box,
@@ -106,7 +107,13 @@ def _vine(file: Path, seed: int, style: str) -> dict[str, Any]:
 def _lists(vine: ScannedVine, looks: list[Look], box: Box) -> dict[str, tuple[DeploymentPose, ...]]:
     """Deployment poses by the sensors that are there."""
     good, nothing = vine.scan.sweep, vine.scan.sweep.with_ranges(vine.scan.sweep.ranges, np.zeros(0, int))
-    sources = ((looks, good), (looks, nothing), ([], good), (looks, vine.worst), ([], vine.worst))
+    sources: tuple[tuple[list[Look], Sweep], ...] = (
+        (looks, good),
+        (looks, nothing),
+        ([], good),
+        (looks, vine.worst),
+        ([], vine.worst),
+    )
     return dict(zip(SENSORS, (fuse(frames, sweep, box)[0] for frames, sweep in sources), strict=True))
 
 
@@ -132,8 +139,10 @@ def _quantities(style: str, sensors: str, t: Tally) -> list[Quantity]:
         ("precision of the list", t.right, t.poses, goals.precision),
         ("recall of usable spurs", t.found, t.usable, goals.recall),
     )
-    errors = (("tip error, 90th percentile", "mm", 1e3 * np.array(t.tip_m), goals.tip),)
-    errors += (("direction error, 90th percentile", "deg", np.array(t.angle_deg), goals.direction),)
+    errors = (
+        ("tip error, 90th percentile", "mm", 1e3 * np.array(t.tip_m), goals.tip),
+        ("direction error, 90th percentile", "deg", np.array(t.angle_deg), goals.direction),
+    )
     found = [
         Quantity(
             name=f"{style}, {sensors}: {name}",

@@ -188,7 +188,7 @@ class _Sensors:
 def _joint_path(robot: Robot, goal: ScanVineGoal, row_y: float) -> Array:
     """Joint angles (steps, n) along the way of a scan, one for each turn of the LiDAR."""
     sweep = sweep_path(goal, DESCRIPTION.arm.T_base_link_arm_base, row_y)
-    line = np.array([robot.in_arm_base(sweep.at(t)) for t in np.arange(0.0, sweep.times[-1], TIM561.period_s)])
+    line = np.array([robot.in_arm_base(sweep.at(float(t))) for t in np.arange(0.0, sweep.times[-1], TIM561.period_s)])
     for way in (line, line[::-1]):
         for solution in inverse_all(robot.arm, way[0], DESCRIPTION.arm.poses["ready_left_fore"]):
             path = inverse_path(robot.arm, way, solution.q)

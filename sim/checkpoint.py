@@ -115,7 +115,7 @@ class Checkpoint:
                 size += count
         self._vector = np.zeros(size)
         self._state = self._vector[self._physics_slice]
-        self._payload = memoryview(self._vector).cast("B")
+        self._payload = memoryview(self._vector.data).cast("B")
         self._layout = _layout(physics.model, self._fields)
         folder.mkdir(exist_ok=True)
         self._folder = folder
