@@ -14,7 +14,7 @@ from grape.errors import ActionFailed
 from grape.experiments.arm_bench import ArmBench
 from grape.geometry import pose_error
 from grape.messages import Array
-from grape.mission.report_servo import image_plane, servo_runs
+from grape.mission.report_servo import ServoRun, image_plane, servo_runs
 from grape.mission.svg import PALETTE, line_chart
 from grape.proof import Figure, Quantity, wilson95
 from grape.sim.worlds import VineyardOptions
@@ -166,10 +166,7 @@ def convergence_figures(trials: Iterable[Trial], what: str) -> tuple[Figure, ...
     runs = [run for trial in trials for run in servo_runs(trial["events"])[-1:]][:SHOWN]
     if not runs:
         return ()
-    lines = [
-        ("", [(t - run.start_s, e) for t, e in zip(run.times, run.errors, strict=True)], PALETTE[k % len(PALETTE)])
-        for k, run in enumerate(runs)
-    ]
+    lines = [("", _seen(run), PALETTE[k % len(PALETTE)]) for k, run in enumerate(runs)]
     chart = line_chart(lines, x_title="s", y_title="error, px", width=560, height=300)
     return (
         Figure(
@@ -177,3 +174,9 @@ def convergence_figures(trials: Iterable[Trial], what: str) -> tuple[Figure, ...
         ),
         Figure(title=f"{what}: corner error over time, {len(runs)} runs", svg=chart),
     )
+
+
+def _seen(run: ServoRun) -> list[tuple[float, float]]:
+    """Seconds from the start and error in px of the frames that showed the feature."""
+    samples = zip(run.times, run.errors, strict=True)
+    return [(t - run.start_s, error) for t, error in samples if np.isfinite(error)]
