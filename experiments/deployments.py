@@ -11,9 +11,11 @@ from typing import Any
 from grape.proof import Experiment, Figure, Proof, Quantity, wilson95
 
 MISSION = "dispenser_deployment"
-NAILS = ("plants=null", "select={nails: 4}")
-VINES = ("plants=null", "select={vines: 4}")
-OPEN_LOOP = ("plants=null", "select={vines: 4, vine_mode: plant_open_loop}")
+FLAWED = ("plants=null", "arm_errors=1", "dispensers=6")  # fewer loops in the feeder: a quicker simulation
+NAILS = (*FLAWED, "select={nails: 4}")
+VINES = (*FLAWED, "select={vines: 4}")
+OPEN_LOOP = (*FLAWED, "select={vines: 4, vine_mode: plant_open_loop}")
+BOTH = (*FLAWED, "select={nails: 2, vines: 2}")
 LIGHTS = "world.sun=noon,low,overcast"
 STYLES = "world.style=cordon,gobelet"
 Progress = Callable[[float, str], None]
@@ -86,7 +88,7 @@ def _hanging(name: str, entry: Mapping[str, Any], goals: Mapping[str, str]) -> Q
 
 def checks(name: str, seeds: Sequence[int], folder: Path, progress: Progress) -> Proof:
     """How often a check of the robot said yes or no and was wrong."""
-    summary = campaign(("plants=null", "select={nails: 2, vines: 2}"), (STYLES, LIGHTS), seeds, folder, progress)
+    summary = campaign(BOTH, (STYLES, LIGHTS), seeds, folder, progress)
     cells = summary["checks"].get(name, {"tp": 0, "fp": 0, "tn": 0, "fn": 0})
     quantities = (
         _wrong("said yes and was wrong", cells["fp"], cells["tp"] + cells["fp"], "<= 0.01"),
