@@ -74,5 +74,7 @@ def servo_to_feeder(goal: ServoToFeederGoal, ctx: Context) -> Generator[Feedback
 
         yield from with_retries(ctx, goal.tries, attempt, back)
     T_arm_base_hand = robot.in_arm_base(hand_at_feeder(robot, goal.level, 0.0))
-    ctx.world.committed[JOINT_OFFSETS] = joint_offsets(robot.arm, ctx.world.joints(), T_arm_base_hand)
+    offsets = joint_offsets(robot.arm, ctx.world.joints(), T_arm_base_hand)
+    ctx.world.committed[JOINT_OFFSETS] = offsets
+    ctx.ledger.remember(JOINT_OFFSETS, offsets.tolist())
     return NoResult()

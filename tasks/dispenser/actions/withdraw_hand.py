@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, Step, action
-from grape.actions.hand_path import HandPathOptions, follow_hand_path, smooth_step, straight
+from grape.actions.hand_path import JOINT_OFFSETS, HandPathOptions, follow_hand_path, smooth_step, straight
 from grape.actions.obstacles import OBSTACLES, Obstacles
 from grape.actions.servoing import leave
 from grape.drivers import ArmDriver, GripperDriver
@@ -41,7 +41,7 @@ class WithdrawHandGoal:
 def withdraw_hand(goal: WithdrawHandGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
     """Backs out of feeder or plant the way the hand went in, by the last step of the ledger and the arm's own joints.
 
-    A release that was begun is completed. What was known of this stop (place, obstacles) is known again.
+    A release that was begun is completed. What was known of this stop (place, obstacles, joint offsets) is known again.
     """
     yield Feedback(status="finding out where the hand is")
     _recall_stop(ctx)
@@ -69,12 +69,14 @@ def release_pending(ctx: Context, step: Step) -> bool:
 
 
 def _recall_stop(ctx: Context) -> None:
-    parked, cloud = ctx.ledger.recall(PARKED), ctx.ledger.recall(OBSTACLES)
+    parked, cloud, offsets = (ctx.ledger.recall(key) for key in (PARKED, OBSTACLES, JOINT_OFFSETS))
     if parked is not None:
         ctx.world.committed[PARKED] = tuple(parked)
         ctx.world.committed[STANDING] = parked[0]
     if cloud is not None:
         ctx.world.committed[OBSTACLES] = Obstacles(np.frombuffer(cloud, np.float32).reshape(-1, 3))
+    if offsets is not None:
+        ctx.world.committed[JOINT_OFFSETS] = np.array(offsets)
 
 
 def _finger_angle(ctx: Context) -> tuple[float, float]:

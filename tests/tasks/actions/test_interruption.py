@@ -12,6 +12,7 @@ from paper_robot import Bench
 
 from grape.actions.account import RESUMED
 from grape.actions.core import Outcome
+from grape.actions.hand_path import JOINT_OFFSETS
 from grape.actions.obstacles import OBSTACLES
 from grape.geometry import transform
 from grape.robots.husky_jaco2 import DESCRIPTION
@@ -168,11 +169,13 @@ def test_what_was_known_of_the_stop_is_known_again(bench: Bench, task: SimpleNam
     target = task.spur_target(bench)
     cloud = np.array([[0.4, 0.9, 0.5], [0.5, 0.9, 0.5]])
     bench.ledger.remember("parked", ["v0", "aft"])
+    bench.ledger.remember(JOINT_OFFSETS, [0.01, 0.0, -0.02, 0.0, 0.0, 0.0])
     bench.ledger.remember(OBSTACLES, cloud.astype(np.float32).tobytes())
     bench.run(next_target(NextTargetGoal(plant="v0", targets=(target, target)), bench.ctx))
     bench.world.committed.clear()
     withdraw(bench)
     assert bench.world.committed[OBSTACLES].cloud == pytest.approx(cloud)
+    assert bench.world.committed[JOINT_OFFSETS] == pytest.approx([0.01, 0.0, -0.02, 0.0, 0.0, 0.0])
     assert remembers_targets(RemembersTargetsGoal(plant="v0"), bench.ctx)
     assert not remembers_targets(RemembersTargetsGoal(plant="v1"), bench.ctx)
     recalled = bench.run(recall_targets(RecallTargetsGoal(plant="v0"), bench.ctx)).targets
