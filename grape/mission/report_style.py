@@ -27,7 +27,7 @@ th { text-align: left; color: var(--soft); font-weight: 600; font-size: 12.5px; 
 th, td { padding: 6px 12px 6px 0; border-bottom: 1px solid var(--line); vertical-align: top; }
 tr:last-child td { border-bottom: 0; }
 pre { font-size: 12px; white-space: pre-wrap; margin: 0; }
-svg { display: block; width: 100%; height: auto; } svg text { font-family: inherit; }
+svg { display: block; width: 100%; height: auto; } .plot svg { max-width: 640px; } svg text { font-family: inherit; }
 svg .num { font-size: 11px; fill: #6b7782; } svg .axis { font-size: 12px; fill: #4a5560; font-weight: 600; }
 svg .in { font-size: 11px; fill: #fff; } svg .tagged { font-size: 13px; font-weight: 700; fill: #26303a;
   paint-order: stroke; stroke: #f6f4ee; stroke-width: 4px; }

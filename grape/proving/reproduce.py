@@ -115,7 +115,7 @@ def page(experiment: Experiment, seeds: range, proof: Proof) -> str:
     notes = "".join(f"<p>{escape(note)}</p>" for note in proof.notes)
     rows = [[escape(cell) for cell in _cells(quantity)] + [_badge(quantity)] for quantity in proof.quantities]
     head = ["quantity", "ours", "n", "95 % interval", "reference", "goal", "met"]
-    figures = "".join(f"<h3>{escape(item.title)}</h3>{item.svg}" for item in proof.figures)
+    figures = "".join(f'<h3>{escape(item.title)}</h3><div class="plot">{item.svg}</div>' for item in proof.figures)
     sections = [section("Figures", table(head, rows) + notes), section("Plots", figures or none("no plots"))]
     return document(f"{experiment.row}: {experiment.summary}", [header, *sections])
 
