@@ -135,7 +135,9 @@ def waypoints(rows: Sequence[RowLine], start: Array, goal: Array, options: Route
         if wrong_end:
             stops.extend(_around(rows, across, here, entry_s, options))
             here = stops[-1]
-        if not (stops == [] and abs(here[1] - t1) < 0.3 and (entry_s - s0) * forward > -0.5 * margin):
+        in_line = stops == [] and abs(here[1] - t1) < 0.3
+        faces_it = _same_way(start, goal) and (s1 - s0) * forward > 0.0
+        if not (in_line and (faces_it or (entry_s - s0) * forward > -0.5 * margin)):
             stops.append((entry_s, t1))
     points = [s * axis + t * across for s, t in _distinct(stops, (s0, t0))]
     return _with_yaw(start, points, goal)
@@ -146,8 +148,11 @@ def _same_aisle(rows: Sequence[RowLine], across: Array, start: Array, goal: Arra
     t0, t1 = sorted((float(start[:2] @ across), float(goal[:2] @ across)))
     between = [row.id for row in rows if t0 < float(np.mean(row.line @ across)) < t1]
     heading = np.array([np.cos(goal[2]), np.sin(goal[2])])
-    same_way = abs(float(wrap_angle(float(start[2] - goal[2])))) < 1.0
-    return not between and same_way and float((goal[:2] - start[:2]) @ heading) > -options.behind
+    return not between and _same_way(start, goal) and float((goal[:2] - start[:2]) @ heading) > -options.behind
+
+
+def _same_way(start: Array, goal: Array) -> bool:
+    return abs(float(wrap_angle(float(start[2] - goal[2])))) < 1.0
 
 
 def _around(

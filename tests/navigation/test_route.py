@@ -57,6 +57,13 @@ def test_from_the_headland_in_line_with_the_lane_it_goes_straight(vineyard):
     assert len(waypoints(vineyard(1).rows, np.array([-3.0, -0.8, 0.0]), goal)) == 1
 
 
+@pytest.mark.parametrize("beyond", [0.3, 0.49, 0.51, 0.9])
+def test_parked_at_the_end_of_a_row_and_facing_the_lane_it_goes_straight_in(vineyard, beyond):
+    start = np.array([-beyond, -LANE, 0.02])
+    goal = np.array([4.0, -LANE, 0.0])
+    assert np.allclose(waypoints(vineyard(1).rows, start, goal), goal)
+
+
 def test_row_change_leads_through_the_headland_ahead(vineyard):
     yard = vineyard(1)
     route = waypoints(yard.rows, np.array([5.0, -LANE, 0.0]), np.array([6.0, 2.6 + LANE, np.pi]))
