@@ -5,15 +5,14 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from types import TracebackType
 
 from rich.console import Console, Group, RenderableType
-from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
 from grape.campaign.engines import Engine
 from grape.campaign.plan import Job
+from grape.mission.display import LiveDisplay
 
 POLL_S = 0.25
 
@@ -60,32 +59,20 @@ class Standing:
         return f"{text}; {self.hanging} of {self.plants} plants hang{rate}, {self.doubtful} failures"
 
 
-class StandingDisplay:
+class StandingDisplay(LiveDisplay):
     """Shows a standing: a live table on a terminal, a line for each mission elsewhere."""
 
     def __init__(self, console: Console) -> None:
-        self._console = console
-        self._live = Live(console=console, transient=True, auto_refresh=False) if console.is_terminal else None
+        super().__init__(console)
         self._last = ""
-
-    def __enter__(self) -> StandingDisplay:
-        if self._live is not None:
-            self._live.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
-    ) -> None:
-        if self._live is not None:
-            self._live.stop()
 
     def show(self, standing: Standing) -> None:
         """Show it as it is now."""
-        if self._live is not None:
-            self._live.update(_table(standing), refresh=True)
+        if self.live is not None:
+            self.live.update(_table(standing), refresh=True)
         elif standing.line != self._last:
             self._last = standing.line
-            self._console.print(standing.line, highlight=False, soft_wrap=True)
+            self.console.print(standing.line, highlight=False, soft_wrap=True)
 
 
 def _table(standing: Standing) -> RenderableType:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Any
+from typing import Any, Self
 
 from rich.console import Console
 from rich.live import Live
@@ -19,32 +19,39 @@ COLOURS = {
 }  # fmt: skip
 
 
-class ProgressDisplay:
-    """Shows progress: one live line on a terminal, a plain line every five seconds elsewhere."""
+class LiveDisplay:
+    """A live part of the terminal; `live` is None where the console is no terminal, which then gets plain lines."""
 
     def __init__(self, console: Console) -> None:
-        self._console = console
-        self._live = Live(console=console, transient=True, auto_refresh=False) if console.is_terminal else None
-        self._next_line_s = 0.0
+        self.console = console
+        self.live = Live(console=console, transient=True, auto_refresh=False) if console.is_terminal else None
 
-    def __enter__(self) -> ProgressDisplay:
-        if self._live is not None:
-            self._live.start()
+    def __enter__(self) -> Self:
+        if self.live is not None:
+            self.live.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        if self._live is not None:
-            self._live.stop()
+        if self.live is not None:
+            self.live.stop()
+
+
+class ProgressDisplay(LiveDisplay):
+    """Shows progress: one live line on a terminal, a plain line every five seconds elsewhere."""
+
+    def __init__(self, console: Console) -> None:
+        super().__init__(console)
+        self._next_line_s = 0.0
 
     def show(self, progress: Progress) -> None:
         """Show one moment."""
-        if self._live is not None:
-            self._live.update(live_line(progress, self._console.width), refresh=True)
+        if self.live is not None:
+            self.live.update(live_line(progress, self.console.width), refresh=True)
         elif progress.wall_time_s >= self._next_line_s:
             self._next_line_s = progress.wall_time_s + PLAIN_PERIOD_S
-            self._console.print(plain_line(progress), highlight=False, soft_wrap=True)
+            self.console.print(plain_line(progress), highlight=False, soft_wrap=True)
 
 
 def plain_line(progress: Progress) -> str:
