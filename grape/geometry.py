@@ -145,8 +145,21 @@ def pose_error(T_A_target: Array, T_A_current: Array) -> Array:
 
 def interpolate(T_A_B: Array, T_A_C: Array, s: float) -> Array:
     """The pose a fraction `s` of the way from B to C: straight line and constant rotation axis."""
+    return interpolate_many(T_A_B, T_A_C, np.array([s]))[0]
+
+
+def interpolate_many(T_A_B: Array, T_A_C: Array, s: Array) -> Array:
+    """Poses (n, 4, 4), each a fraction `s` (n,) of the way from B to C, as `interpolate` gives them."""
     R = T_A_B[:3, :3]
-    return pose(R @ rotation_exp(s * rotation_log(R.T @ T_A_C[:3, :3])), (1 - s) * T_A_B[:3, 3] + s * T_A_C[:3, 3])
+    w = rotation_log(R.T @ T_A_C[:3, :3])
+    angle = float(np.linalg.norm(w))
+    K = skew(w / max(angle, 1e-12))
+    turned = s[:, None, None] * angle
+    T = np.zeros((len(s), 4, 4))
+    T[:, :3, :3] = R + np.sin(turned) * (R @ K) + (1.0 - np.cos(turned)) * (R @ K @ K)
+    T[:, :3, 3] = T_A_B[:3, 3] + s[:, None] * (T_A_C[:3, 3] - T_A_B[:3, 3])
+    T[:, 3, 3] = 1.0
+    return T
 
 
 def wrap_angle(angle: Array | float) -> Array | float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from grape.errors import InvalidInput
-from grape.geometry import interpolate, is_pose
+from grape.geometry import interpolate_many, is_pose
 from grape.messages import Array, LaserScan, frozen_array
 from grape.perception.checks import as_points
 
@@ -104,7 +104,7 @@ def _one_scan(k: int, scan: LaserScan, T_start: Array, T_end: Array, options: As
         origins = np.tile(T_start[:3, 3], (len(r), 1))
         points = local @ T_start[:3, :3].T + T_start[:3, 3]
     else:
-        T = np.array([interpolate(T_start, T_end, b / max(len(ranges) - 1, 1)) for b in beam]).reshape(-1, 4, 4)
+        T = interpolate_many(T_start, T_end, beam / max(len(ranges) - 1, 1))
         origins = T[:, :3, 3]
         points = np.einsum("nij,nj->ni", T[:, :3, :3], local) + origins
     return points, origins, r, np.full(len(r), k), beam
