@@ -33,6 +33,11 @@ def test_importing_the_command_line_loads_nothing_heavy() -> None:
     assert run.stdout.strip() == "[]"
 
 
+def test_runs_as_a_module() -> None:
+    run = subprocess.run([sys.executable, "-m", "grape", "--version"], capture_output=True, text=True, check=True)
+    assert run.stdout == f"grape {grape.__version__}\n"
+
+
 def test_help_names_commands_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = grape_command(capsys, "--help")
     assert code == 0
