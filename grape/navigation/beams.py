@@ -16,20 +16,26 @@ from grape.navigation.grid import Footprint
 class ScanOptions:
     """How far a horizontal scanner is believed.
 
-    A plane 0.33 m above the ground meets it a few metres ahead where the ground bulges, so hits beyond `mark_range`
-    do not count; beams clear up to `clear_range`. Hits inside `own` are the robot itself.
+    A plane 0.33 m above the ground meets it a few metres ahead where the ground bulges or the robot is pitched, so
+    hits beyond `mark_range` do not count, nor do hits lower than `lowest` plus `rise` per metre over the level through
+    the robot's feet; beams clear up to `clear_range`. Hits inside `own` are the robot itself.
     """
 
     mark_range: float = 4.0
     clear_range: float = 4.5
+    lowest: float = 0.10
+    rise: float = 0.05
+    ground: float = -0.132  # z of the ground in base_link
     own: Footprint = field(default_factory=lambda: Footprint(front=0.60, rear=0.60, half_width=0.40))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SliceOptions:
-    """Which part of a cloud is an obstacle: heights over the plane the robot stands on, all in metres.
+    """Which part of a cloud is an obstacle, by its height over the ground, all in metres.
 
-    The lowest height grows with distance by `rise` per metre, for ground that bends away from that plane.
+    Ground is between the plane the robot stands on (right on a slope) and the level through its feet (right where a
+    bump tilts the robot): what counts is the height over the higher of the two. The lowest height grows with distance
+    by `rise` per metre, for ground that bends away from both.
     """
 
     lowest: float = 0.30
@@ -63,7 +69,9 @@ def beams_from_scan(
     hit = r <= min(options.mark_range, scan.range_max)
     r = np.where(hit, r, np.minimum(r, options.clear_range))
     points = transform(T_base_scan, np.column_stack([r * np.cos(a), r * np.sin(a), np.zeros_like(r)]))
-    keep = ~(hit & options.own.contains(points[:, :2]))
+    floor = options.lowest + options.rise * np.hypot(points[:, 0], points[:, 1])
+    ground = _height_over_feet(points, T_map_base, options.ground) < floor
+    keep = ~(hit & (ground | options.own.contains(points[:, :2])))
     ends = transform(T_map_base, points[keep])[:, :2]
     sensor = (T_map_base @ T_base_scan)[:2, 3]
     return Beams(sensor=sensor, ends=ends, hit=hit[keep])
@@ -81,7 +89,7 @@ def beams_from_cloud(
     p = transform(T_base_sensor, points[np.isfinite(points).all(axis=1)])
     offset = p[:, :2] - T_base_sensor[:2, 3]
     distance = np.hypot(offset[:, 0], offset[:, 1])
-    height = p[:, 2] - options.ground
+    height = np.minimum(p[:, 2] - options.ground, _height_over_feet(p, T_map_base, options.ground))
     low = options.lowest + options.rise * distance
     own = options.own.contains(p[:, :2])
     stands = (height >= low) & (height <= options.highest) & ~own & (distance <= options.mark_range)
@@ -97,3 +105,8 @@ def beams_from_cloud(
     angle = (np.flatnonzero(used) + 0.5) * (2 * np.pi / options.bins)
     flat = np.column_stack([r * np.cos(angle), r * np.sin(angle), np.zeros_like(r)]) + T_base_sensor[:3, 3]
     return Beams(sensor=(T_map_base @ T_base_sensor)[:2, 3], ends=transform(T_map_base, flat)[:, :2], hit=hit[used])
+
+
+def _height_over_feet(points: Array, T_map_base: Array, ground: float) -> Array:
+    """(n,) m, heights of points (n, 3) in base_link over the level through the ground under the robot."""
+    return (points - [0.0, 0.0, ground]) @ T_map_base[2, :3]

@@ -59,6 +59,27 @@ def test_far_hits_do_not_mark_but_clear_on_the_way():
     assert np.allclose(np.hypot(*(beams.ends - beams.sensor).T), 4.5)
 
 
+def test_a_scanner_pitched_by_a_bump_does_not_take_the_ground_for_an_obstacle():
+    T_map_base = pose(rotation_y(0.11))  # nose down, as on a bump: the plane meets level ground 3 m ahead
+    beams = beams_from_scan(scan([np.nan, 2.5, np.nan]), T_map_base, T_BASE_LASER)
+    assert not beams.hit.any()
+    assert beams_from_scan(scan([np.nan, 2.5, np.nan]), np.eye(4), T_BASE_LASER).hit.all()
+
+
+def test_a_cloud_of_level_ground_seen_from_a_bump_is_no_obstacle_and_a_post_still_is():
+    T_base_level = pose(rotation_y(-0.13))
+    ground = transform(T_base_level, np.vstack([ring(d, 0.0) for d in (1.5, 2.5, 3.5, 4.5)]))
+    post = transform(T_base_level, [[2.4, -0.2, z + GROUND] for z in np.linspace(0.0, 1.5, 20)])
+    T_velodyne_base = np.linalg.inv(T_BASE_VELODYNE)
+
+    def hits(points):
+        beams = beams_from_cloud(transform(T_velodyne_base, points), np.linalg.inv(T_base_level), T_BASE_VELODYNE)
+        return beams.hit.sum()
+
+    assert hits(ground) == 0
+    assert hits(np.vstack([ground, post])) > 0
+
+
 def test_the_robot_does_not_see_itself():
     assert len(scan_points(scan([0.2, 0.12, 0.2]), T_BASE_LASER)) == 0
     assert len(scan_points(scan([0.2, 2.0, 0.2]), T_BASE_LASER)) == 1
