@@ -166,6 +166,7 @@ class Checkpoint:
         physics.clock.step = int(vector[0])
         state = np.ascontiguousarray(vector[self._physics_slice])
         mujoco.mj_setState(physics.model, physics.data, state, _PHYSICS)
+        physics.rearranged()
         mujoco.mj_forward(physics.model, physics.data)  # poses and contacts, for who looks before the next step
         mujoco.mj_setState(physics.model, physics.data, state, _PHYSICS)  # the line above has moved the warm start
         for part, name, place in self._fields:

@@ -95,3 +95,4 @@ def _drop(physics: Physics, index: int) -> None:
     T_map_loop = np.eye(4)
     T_map_loop[:3, 3] = base.xpos + base.xmat.reshape(3, 3) @ np.array([-1.0, 0.0, 0.05])
     place_dispenser(physics.model, physics.data, f"{DISPENSER}{index}", T_map_loop)
+    physics.rearranged()

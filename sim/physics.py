@@ -9,6 +9,7 @@ import numpy as np
 
 from grape.errors import DriverError, InvalidInput
 from grape.messages import Array
+from grape.sim.culling import LOOK_STEPS, ContactCulling
 
 _log = logging.getLogger(__name__)
 STEPS_PER_SECOND = 500
@@ -36,6 +37,14 @@ class Physics:
         self.data = mujoco.MjData(model)
         self.clock = SimulatedClock()
         self._speeds = self.data.qvel
+        mujoco.mj_kinematics(model, self.data)
+        self._culling = ContactCulling(model, self.data)
+        self._next_look = 0
+
+    def rearranged(self) -> None:
+        """Say that bodies were put elsewhere: contacts are searched for everywhere until they have been looked at."""
+        self._culling.show_all()
+        self._next_look = self.clock.step + 1
 
     def step(self) -> None:
         """Advance the state by one step.
@@ -46,6 +55,9 @@ class Physics:
         """
         if not self._speeds @ self._speeds < _ABSURD_SPEED_2:  # written so that NaN counts as absurd
             raise DriverError(f"the simulated physics has diverged at {self.clock.now():.3f} s")
+        if self.clock.step >= self._next_look:
+            self._culling.look(self.data)
+            self._next_look = self.clock.step + LOOK_STEPS
         mujoco.mj_step(self.model, self.data)
         self.clock.step += 1
 

@@ -170,6 +170,7 @@ class Simulation:
         for index in range(self.options.dispensers):
             T_map_loop = T_map_base @ robot.feeder.T_base_link_level(index)
             _set_free_joint(physics, f"{DISPENSER}{index}", T_map_loop)
+        physics.rearranged()
         mujoco.mj_forward(physics.model, physics.data)
 
     def _settle(self) -> None:
@@ -179,6 +180,7 @@ class Simulation:
             self._physics.step()
         self._physics.clock.step = 0
         self._physics.data.time = 0.0
+        self._physics.rearranged()
 
 
 def _rest_height(physics: Physics) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +63,11 @@ class SimulatedArm(SampledSensor[JointState]):
         self._link = physics.data.qpos[self._qpos].copy()  # where the gear puts the link
         self._reference = self._link + self._errors.bias  # of the motor, by its encoder
         self._last_send = -self._timeout_steps
+        rates = np.broadcast_to(self._errors.rate, len(limits.joints))
+        self._joints = list(
+            zip(limits.lower.tolist(), limits.upper.tolist(), limits.acceleration.tolist(), rates.tolist(), strict=True)
+        )
+        self._held = False  # whether the actuators have been told where the arm stands still
 
     def send(self, velocity: Array) -> Array:
         """Set-point of the joint velocities (n,) rad/s; returns what was sent after speed and acceleration limits.
@@ -88,9 +94,12 @@ class SimulatedArm(SampledSensor[JointState]):
         if self._physics.clock.step - self._last_send >= self._timeout_steps:
             self._target[:] = 0.0
         if self._target.any() or self._velocity.any():
-            self._move(self._encoders(self._physics.data.qpos[self._qpos]))
+            self._move(self._physics.data.qpos[self._qpos])
             motor, half_play = self._reference - self._errors.bias, 0.5 * self._errors.play
-            self._link = np.clip(self._link, motor - half_play, motor + half_play)
+            self._link = np.minimum(np.maximum(self._link, motor - half_play), motor + half_play)
+        elif self._held:
+            return
+        self._held = not self._velocity.any()
         # A position servo with damping trails a moving reference by damping / stiffness x speed: ask for so much more.
         self._physics.data.ctrl[self._actuators] = self._link + self._lead_s * self._velocity
 
@@ -98,17 +107,28 @@ class SimulatedArm(SampledSensor[JointState]):
         """What the encoders tell when the links are at angles (n,) rad: the motors', which the play parts from them."""
         return links + (self._reference - self._link)
 
-    def _move(self, measured: Array) -> None:
-        limits = self._limits
-        change = limits.acceleration * STEP_S
-        velocity = self._velocity + np.clip(self._target - self._velocity, -change, change)
-        room_up = np.sqrt(2 * limits.acceleration * np.maximum(limits.upper - self._reference, 0.0))
-        room_down = np.sqrt(2 * limits.acceleration * np.maximum(self._reference - limits.lower, 0.0))
-        self._velocity = np.clip(velocity, -room_down, room_up)
-        lead = self._options.lead
-        step = self._velocity * (1.0 + self._errors.rate) * STEP_S
-        reference = np.clip(self._reference + step, measured - lead, measured + lead)
-        self._reference = np.clip(reference, limits.lower, limits.upper)
+    def _move(self, links: Array) -> None:
+        """Move the motors' reference by one step, joint by joint: on six numbers that is faster than with arrays."""
+        states = zip(
+            self._joints,
+            self._target.tolist(),
+            self._velocity.tolist(),
+            self._reference.tolist(),
+            self._encoders(links).tolist(),
+            strict=True,
+        )
+        lead, velocities, references = self._options.lead, [], []
+        for (lower, upper, acceleration, rate), target, velocity, reference, measured in states:
+            change = acceleration * STEP_S
+            wanted = velocity + min(max(target - velocity, -change), change)
+            room_up = math.sqrt(2 * acceleration * max(upper - reference, 0.0))
+            room_down = math.sqrt(2 * acceleration * max(reference - lower, 0.0))
+            velocity = min(max(wanted, -room_down), room_up)
+            ahead = reference + velocity * (1.0 + rate) * STEP_S
+            ahead = min(max(ahead, measured - lead), measured + lead)
+            velocities.append(velocity)
+            references.append(min(max(ahead, lower), upper))
+        self._velocity, self._reference = np.array(velocities), np.array(references)
 
     def _snapshot(self) -> tuple[Array, Array, Array]:
         data = self._physics.data

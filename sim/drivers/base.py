@@ -45,14 +45,14 @@ class SimulatedBase(SampledSensor[JointState]):
         self._options = options
         self._qpos = physics.joint_qpos(options.names)
         self._actuators = physics.actuators(options.names)
-        self._side = np.array([-1.0 if name in options.left else 1.0 for name in options.names])
+        self._side = tuple(-1.0 if name in options.left else 1.0 for name in options.names)
         scale = FrameNoise(seed, "base").constant().standard_normal(len(options.names))
         self._scale = 1.0 + options.encoder_scale_sigma * scale
         self._timeout_steps = round(options.timeout_s * STEPS_PER_SECOND)
         self._last_send = -self._timeout_steps
         self._target = (0.0, 0.0)
         self._linear = self._angular = 0.0
-        self._reference = physics.data.qpos[self._qpos].copy()
+        self._reference: tuple[float, ...] = tuple(physics.data.qpos[self._qpos].tolist())
         self._previous = self._ticks()
 
     def send(self, linear_x: float, angular_z: float) -> Twist:
@@ -87,16 +87,22 @@ class SimulatedBase(SampledSensor[JointState]):
             self._target = (0.0, 0.0)
         self._linear = _towards(self._linear, self._target[0], options.linear_acceleration * STEP_S)
         self._angular = _towards(self._angular, self._target[1], options.angular_acceleration * STEP_S)
-        speed = (self._linear + self._side * (0.5 * options.effective_track * self._angular)) / options.wheel_radius
-        data = self._physics.data
-        wheels = data.qpos[self._qpos]
-        lag = self._reference + speed * STEP_S - wheels
-        lag = np.minimum(np.maximum(lag, -options.hold_lead), options.hold_lead)
+        turning = 0.5 * options.effective_track * self._angular
+        radius, lead, data = options.wheel_radius, options.hold_lead, self._physics.data
+        # Plain numbers: on so few wheels each operation on arrays costs more than all of these.
+        wheels = data.qpos[self._qpos].tolist()
+        speeds = [(self._linear + side * turning) / radius for side in self._side]
+        lags = [
+            min(max(reference + speed * STEP_S - wheel, -lead), lead)
+            for reference, speed, wheel in zip(self._reference, speeds, wheels, strict=True)
+        ]
         if not (self._linear or self._angular):
             # Parked wheels must share the load, or they push against each other and the base creeps.
-            lag += (lag.mean() - lag) * (STEP_S / options.sharing_s)
-        self._reference = wheels + lag
-        data.ctrl[self._actuators] = speed + options.hold_gain * lag
+            mean, share = sum(lags) / len(lags), STEP_S / options.sharing_s
+            lags = [lag + (mean - lag) * share for lag in lags]
+        self._reference = tuple(wheel + lag for wheel, lag in zip(wheels, lags, strict=True))
+        gain = options.hold_gain
+        data.ctrl[self._actuators] = [speed + gain * lag for speed, lag in zip(speeds, lags, strict=True)]
 
     def _ticks(self) -> Array:
         turned = self._physics.data.qpos[self._qpos] * self._options.wheel_radius * self._scale

@@ -79,6 +79,7 @@ class SimulatedDrivers:
             **scans,
             options.velodyne.name: velodyne,
         }
+        self._periods = tuple((sensor.period_steps, sensor) for sensor in self.sensors.values())
         self.ports = Drivers(
             base=self.base,
             arm=self.arm,
@@ -98,8 +99,8 @@ class SimulatedDrivers:
 
     def sample(self, step: int) -> None:
         """Let every sensor that is due note the present state."""
-        for sensor in self.sensors.values():
-            if step % sensor.period_steps == 0:
+        for period, sensor in self._periods:
+            if step % period == 0:
                 sensor.sample()
 
     def close(self) -> None:

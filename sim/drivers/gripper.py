@@ -41,6 +41,7 @@ class SimulatedGripper(SampledSensor[GripperState]):
         self._lower, self._upper = ranges.T
         self._reference = physics.data.qpos[self._qpos].copy()
         self._target = self._reference.copy()
+        self._held = False  # whether the actuators have been told where the fingers stand still
 
     def send(self, position: Array) -> Array:
         """Set-point of the finger angles (fingers,) rad; returns what was sent after limits.
@@ -62,6 +63,9 @@ class SimulatedGripper(SampledSensor[GripperState]):
         """Move the reference by one physics step and hand it to the actuators."""
         change = self._options.rate * STEP_S
         step = np.minimum(np.maximum(self._target - self._reference, -change), change)
+        if not step.any() and self._held:
+            return
+        self._held = not step.any()
         self._reference += step
         self._physics.data.ctrl[self._actuators] = self._reference + self._lag_s / STEP_S * step
 
