@@ -11,7 +11,9 @@ import pytest
 from paper_robot import Bench
 
 from grape.actions.core import Feedback
-from grape.actions.servoing import FRAME_AGE_MAX_S, servo_on_point, with_retries
+from grape.actions.look_around import FRAME_AGE_MAX_S
+from grape.actions.servo_tries import with_retries
+from grape.actions.servoing import servo_on_point
 from grape.errors import ActionFailed, LeaseRevoked, Reason, StaleData
 
 
