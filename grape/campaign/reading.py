@@ -21,7 +21,7 @@ FAILED = ("aborted", "rejected")
 
 @dataclass(frozen=True, kw_only=True)
 class ActionFailure:
-    """An action that failed, and its own picture, else the one taken nearest to it (a path in the run folder, or empty)."""
+    """An action that failed, and its own picture or the nearest one (a path in the run folder, or empty)."""
 
     action: str
     reason: str

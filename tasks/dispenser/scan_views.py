@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from grape.actions.core import Context
-from grape.actions.hand_path import hand_correction
+from grape.actions.hand_path import JOINT_OFFSETS, hand_correction
 from grape.geometry import inverse, transform
 from grape.messages import Array
 from grape.tasks.dispenser.targets import HangTarget
@@ -28,7 +28,7 @@ def as_calibrated(ctx: Context, target: HangTarget) -> HangTarget:
     What a scan puts into base_link is as wrong there as the arm was in the posture from which it was seen.
     """
     views = [(np.array(T), np.array(q)) for T, q in ctx.ledger.recall(VIEWS) or ()]
-    if not views:
+    if not views or JOINT_OFFSETS not in ctx.world.committed:
         return target
 
     def off_centre(view: tuple[Array, Array]) -> float:
