@@ -6,7 +6,7 @@ from collections.abc import Generator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -121,7 +121,10 @@ class ArmBench:
         referee = self.simulation.referee
         return inverse(referee.true_pose()) @ referee.true_pose(self.robot.description.arm.tip_frame)
 
-    def close(self) -> None:
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
         """Give the graphics memory back, and the account's folder."""
         self.simulation.close()
         self._ledger.close()

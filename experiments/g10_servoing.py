@@ -16,6 +16,7 @@ from grape.experiments.servo_trials import (
     attempt,
     convergence_figures,
     go_to_start,
+    marker_quantities,
     pose_judgement,
     quantile,
     rate,
@@ -45,16 +46,7 @@ def run(seeds: Sequence[int], folder: Path, progress: Progress) -> Proof:
     touched = sum(bool(trial["collisions"]) for trial in (*plain, *glare))
     return Proof(
         quantities=(
-            rate("converged", plain, reference="figure 7.6: one run"),
-            quantile("corner error, 95th percentile", "px", plain, "error_px", 0.95, goal="<= 1"),
-            quantile("hand position error, 95th percentile", "mm", plain, "hand_mm", 0.95, goal="<= 2"),
-            quantile("hand position error, median", "mm", plain, "hand_mm", 0.5, reference="1 mm needed"),
-            quantile("error at the nails, 95th percentile", "mm", plain, "point_mm", 0.95),
-            quantile("open loop: what the arm is off at the start, median", "mm", plain, "arm_off_mm", 0.5,
-                     reference="0 to 50 mm"),
-            quantile("open loop: what the arm is off at the start, 95th percentile", "mm", plain, "arm_off_mm", 0.95,
-                     reference="0 to 50 mm"),
-            quantile("duration, median", "s", plain, "duration_s", 0.5),
+            *marker_quantities(plain, "figure 7.6: one run"),
             rate("converged with glare on a marker", glare),
             quantile("hand position error with glare, 95th percentile", "mm", glare, "hand_mm", 0.95, goal="<= 2"),
         ),
@@ -66,15 +58,14 @@ def run(seeds: Sequence[int], folder: Path, progress: Progress) -> Proof:
             "used by the robot.",
             f"In {touched} of {len(trials)} runs the robot touched something it should not.",
         ),
-    )  # fmt: skip
+    )
 
 
 def _trial(key: Key) -> Trial:
     rng = np.random.default_rng([key.seed, 10])
     level = int(rng.integers(DESCRIPTION.feeder.levels))
     light = _blinding(key.seed, int(key.case[-1]), level) if key.case != "plain" else {}
-    bench = ArmBench(DESCRIPTION, PARKING, small_world(key.seed, **light), dispensers=level + 1)
-    try:
+    with ArmBench(DESCRIPTION, PARKING, small_world(key.seed, **light), dispensers=level + 1) as bench:
         gripper = DESCRIPTION.gripper
         view = hand_at_feeder(bench.robot, TOP, VIEW_M)
         go_to_start(bench, rng, (view,), gripper.closed_angle, touch_boxes=FEEDER_BOXES)
@@ -82,15 +73,12 @@ def _trial(key: Key) -> Trial:
         nails = bench.robot.hand.T_hand_nails(gripper.closed_angle)[:3, 3]
         wanted = hand_at_feeder(bench.robot, level, 0.0)
         return {"level": level, **attempt(bench, servo, lambda: pose_judgement(bench.true_hand(), wanted, nails))}
-    finally:
-        bench.close()
 
 
 def _blinding(seed: int, marker: int, level: int) -> dict[str, float]:
     """Where the sun must stand so that it is mirrored by a marker into the camera when the hand is at its stand-off."""
-    bench = ArmBench(DESCRIPTION, PARKING, small_world(seed), arm_errors=0.0)
-    T_map_base, robot = bench.simulation.referee.true_pose(), bench.robot
-    bench.close()
+    with ArmBench(DESCRIPTION, PARKING, small_world(seed), arm_errors=0.0) as bench:
+        T_map_base, robot = bench.simulation.referee.true_pose(), bench.robot
     T_map_marker = T_map_base @ DESCRIPTION.feeder.T_base_link_feeder @ feeder_geometry(robot).T_feeder_marker[marker]
     p_marker_camera = transform(inverse(T_map_marker), (T_map_base @ _camera(robot, level))[:3, 3])
     towards_sun = T_map_marker[:3, :3] @ (p_marker_camera * [-1.0, -1.0, 1.0] / np.linalg.norm(p_marker_camera))

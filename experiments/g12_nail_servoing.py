@@ -16,9 +16,8 @@ from grape.experiments.servo_trials import (
     attempt,
     convergence_figures,
     go_to_start,
+    marker_quantities,
     pose_judgement,
-    quantile,
-    rate,
     run_trials,
     small_world,
 )
@@ -39,29 +38,19 @@ def run(seeds: Sequence[int], folder: Path, progress: Progress) -> Proof:
     keys = [Key(case="aft" if seed % 2 else "fore", seed=seed) for seed in seeds]
     trials = list(run_trials(folder, keys, _trial, progress).values())
     return Proof(
-        quantities=(
-            rate("converged", trials, reference="figure 7.5: corners end on their targets"),
-            quantile("corner error, 95th percentile", "px", trials, "error_px", 0.95, goal="<= 1"),
-            quantile("error at the nails, 95th percentile", "mm", trials, "point_mm", 0.95),
-            quantile("hand position error, median", "mm", trials, "hand_mm", 0.5),
-            quantile("hand position error, 95th percentile", "mm", trials, "hand_mm", 0.95, goal="<= 2"),
-            quantile("open loop: what the arm is off at the start, 95th percentile", "mm", trials, "arm_off_mm", 0.95,
-                     reference="0 to 50 mm"),
-            quantile("duration, median", "s", trials, "duration_s", 0.5),
-        ),
+        quantities=marker_quantities(trials, "figure 7.5: corners end on their targets"),
         figures=convergence_figures(trials, "Nail"),
         notes=(
             "The hand is empty. Starts are up to 5 cm and 10 degrees beside the pose before the nail, and the arm errs "
             "on top of that (arm_errors = 1). Errors are those of the runs that converged, by the simulator's truth.",
         ),
-    )  # fmt: skip
+    )
 
 
 def _trial(key: Key) -> Trial:
     rng = np.random.default_rng([key.seed, 12])
     parking = Parking(plant=NAIL, ahead_m=-0.22 if key.case == "aft" else 0.22)
-    bench = ArmBench(DESCRIPTION, parking, small_world(key.seed))
-    try:
+    with ArmBench(DESCRIPTION, parking, small_world(key.seed)) as bench:
         robot, opened = bench.robot, DESCRIPTION.gripper.open_angle
         surveyed = nail_target(bench.ctx, NAIL, NailBoard())
         go_to_start(bench, rng, hang_line(robot, surveyed, STAND_OFF_M), opened)
@@ -71,8 +60,6 @@ def _trial(key: Key) -> Trial:
         wanted = replace(surveyed, tip=tip).hand_pose(nails)
         servo = servo_to_nail(ServoToTargetGoal(target=surveyed), bench.ctx)
         return attempt(bench, servo, lambda: pose_judgement(bench.true_hand(), wanted, nails[:3, 3]))
-    finally:
-        bench.close()
 
 
 EXPERIMENT = Experiment(

@@ -69,6 +69,7 @@ def attempt(bench: ArmBench, servo: Any, judge: Callable[[], Mapping[str, float]
         **judge(),
         "error_px": ends[-1]["error_px"] if ends else None,
         "runs": len(ends),
+        "looked_around": len(bench.log.of("look_around")),
         "duration_s": bench.ctx.clock.now() - begin,
         "collisions": [[c.a, c.b, round(c.force_n, 1)] for c in bench.simulation.referee.collisions],
         "events": [{"kind": kind, **fields} for kind, fields in bench.log.events if kind.startswith("servo")],
@@ -161,22 +162,47 @@ def quantile(
                     ci95=(float(low), float(high)), reference=reference, goal=goal)  # fmt: skip
 
 
-def convergence_figures(trials: Iterable[Trial], what: str) -> tuple[Figure, ...]:
-    """Paths of the corners in the image of the first trial, and the error over time of the first dozen."""
+def open_loop_and_time(trials: Sequence[Trial]) -> tuple[Quantity, ...]:
+    """What every servo experiment tells: how far off the arm alone is, how long it takes, who had to look around."""
+    looked = [trial | {"converged": bool(trial["looked_around"])} for trial in trials]
+    return (
+        quantile("open loop: what the arm is off at the start, median", "mm", trials, "arm_off_mm", 0.5,
+                 reference="0 to 50 mm"),
+        quantile("open loop: what the arm is off at the start, 95th percentile", "mm", trials, "arm_off_mm", 0.95,
+                 reference="0 to 50 mm"),
+        quantile("duration, median", "s", trials, "duration_s", 0.5),
+        rate("began out of view and looked around", looked),
+    )  # fmt: skip
+
+
+def marker_quantities(trials: Sequence[Trial], reference: str) -> tuple[Quantity, ...]:
+    """What servoing on markers is measured by; `reference`: what the source shows."""
+    return (
+        rate("converged", trials, reference=reference),
+        quantile("corner error, 95th percentile", "px", trials, "error_px", 0.95, goal="<= 1"),
+        quantile("hand position error, median", "mm", trials, "hand_mm", 0.5, reference="1 mm needed"),
+        quantile("hand position error, 95th percentile", "mm", trials, "hand_mm", 0.95, goal="<= 2"),
+        quantile("error at the nails, 95th percentile", "mm", trials, "point_mm", 0.95),
+        *open_loop_and_time(trials),
+    )
+
+
+def convergence_figures(trials: Iterable[Trial], what: str, feature: str = "corner") -> tuple[Figure, ...]:
+    """Paths of the features in the image of the first trial, and the error over the frames of the first dozen."""
     runs = [run for trial in trials for run in servo_runs(trial["events"])[-1:]][:SHOWN]
     if not runs:
         return ()
     lines = [("", _seen(run), PALETTE[k % len(PALETTE)]) for k, run in enumerate(runs)]
-    chart = line_chart(lines, x_title="s", y_title="error, px", width=560, height=300)
+    chart = line_chart(lines, x_title="iteration", y_title="error, px", width=560, height=300)
     return (
         Figure(
-            title=f"{what}: paths of the corners in the image, from start (ring) to end (dot)", svg=image_plane(runs[0])
+            title=f"{what}: paths of the {feature}s in the image, from start (ring) to end (dot), cross: desired",
+            svg=image_plane(runs[0]),
         ),
-        Figure(title=f"{what}: corner error over time, {len(runs)} runs", svg=chart),
+        Figure(title=f"{what}: {feature} error over the iterations (a frame each), {len(runs)} runs", svg=chart),
     )
 
 
 def _seen(run: ServoRun) -> list[tuple[float, float]]:
-    """Seconds from the start and error in px of the frames that showed the feature."""
-    samples = zip(run.times, run.errors, strict=True)
-    return [(t - run.start_s, error) for t, error in samples if np.isfinite(error)]
+    """Number and error in px of the frames that showed the feature."""
+    return [(float(k), error) for k, error in enumerate(run.errors) if np.isfinite(error)]

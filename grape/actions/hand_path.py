@@ -11,7 +11,7 @@ from grape.actions.core import Context, Feedback
 from grape.control.differential_ik import DifferentialIk
 from grape.drivers import ArmDriver, GripperDriver
 from grape.errors import ActionFailed, Reason
-from grape.geometry import interpolate, pose_error
+from grape.geometry import interpolate, inverse, pose_error
 from grape.messages import Array
 
 BEAT_S = 0.01
@@ -60,6 +60,20 @@ def calibrated_joints(ctx: Context) -> Array:
     """
     offsets: Array | None = ctx.world.committed.get(JOINT_OFFSETS)
     return ctx.world.joints() if offsets is None else ctx.world.joints() - offsets
+
+
+def hand_correction(ctx: Context, q: Array | None = None) -> Array:
+    """(4, 4) in base_link, by which a pose of the hand, as the encoders tell it, is off: `true = correction @ told`.
+
+    Args:
+        ctx: context.
+        q: (n,) rad, where; now when None.
+    """
+    offsets: Array | None = ctx.world.committed.get(JOINT_OFFSETS)
+    if offsets is None:
+        return np.eye(4)
+    q = ctx.world.joints() if q is None else np.asarray(q, float)
+    return np.asarray(ctx.robot.hand_pose(q - offsets) @ inverse(ctx.robot.hand_pose(q)))
 
 
 def follow_hand_path(

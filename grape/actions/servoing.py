@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
 from grape.actions.core import Context, Feedback, Status
-from grape.actions.hand_path import follow_hand_path, straight
+from grape.actions.hand_path import follow_hand_path, hand_correction, straight
+from grape.actions.look_around import CAMERA, FRAME_AGE_MAX_S
 from grape.control.differential_ik import DifferentialIk, DifferentialIkOptions, JointVelocityCommand, shift_twist
 from grape.control.ibvs import MarkerServo
 from grape.control.point_servo import PointServo
 from grape.drivers import ArmDriver
-from grape.errors import ActionFailed, InvalidInput, LeaseRevoked, Reason, StaleData
+from grape.errors import ActionFailed, LeaseRevoked, Reason, StaleData
 from grape.geometry import inverse, pose, transform
 from grape.messages import Array, RgbdImage
 from grape.perception.markers import MarkerDetector, corner_points, project
 
-R = TypeVar("R")
-CAMERA = "camera_optical"
-FRAME_AGE_MAX_S = 0.25  # an older frame is not servoed on: kinematics would have to carry the features on for too long
 HALTED_S = 1.0  # a run that an obstacle or a singularity holds for so long is given up
 IK = DifferentialIkOptions(clearance_slow_m=0.01, clearance_stop_m=0.0)  # the clearance has a padding of its own
-TRY_AGAIN = (Reason.FEATURE_LOST, Reason.NOT_CONVERGED, Reason.DISTANCE_GROWS, Reason.IN_COLLISION, Reason.UNREACHABLE)
 Clearance = Callable[[Array], float]  # gap (m) to the nearest obstacle at joint angles (n,) rad
 
 
@@ -67,14 +63,14 @@ def servo_on_markers(
             IN_COLLISION (before an obstacle).
     """
 
-    def take(image: RgbdImage, T_base_camera: Array) -> bool:
+    def take(image: RgbdImage, T_base_camera: Array) -> _Sample:
         seen = {marker.id: marker.corners for marker in detector.detect(image.bgr)}
         state = servo.update(image.stamp, seen, T_base_camera)
         goals = desired(state.standoff_m)
         square = corner_points(marker_side_m)
         targets = {i: project(transform(goals[i], square), image.info.K) for i in state.visible}
-        _record(ctx, name, image.stamp, state.error_px, [seen.get(i) for i in state.visible], list(targets.values()))
-        return state.converged
+        corners = [seen[i] for i in state.visible if i in seen]
+        return _Sample(image, state.error_px, corners, [*targets.values()], state.converged)
 
     loop = _Loop(ctx, arm, name=name, status=status, timeout_s=timeout_s, clearance=clearance)
     return (
@@ -98,6 +94,7 @@ def servo_on_point(
     status: str,
     timeout_s: float = 25.0,
     clearance: Clearance | None = None,
+    calibrated: bool = False,
 ) -> Generator[Feedback, None, ServoOutcome]:
     """Moves the hand, at constant orientation, until one image point with depth is where it should be.
 
@@ -107,13 +104,14 @@ def servo_on_point(
         find: gets a frame, the predicted pixel (2,) and depth (m); returns pixel and depth, None where there is none.
         target: stand-off (m) -> desired point (3,) m in the optical frame; for the record.
         name, status, timeout_s, clearance: as in `servo_on_markers`.
+        calibrated: poses are those of `calibrated_joints`, which carry the point on where the camera sees nothing.
 
     Raises:
         ActionFailed: as `servo_on_markers`, or DISTANCE_GROWS.
     """
     error_px = float("inf")
 
-    def take(image: RgbdImage, T_base_camera: Array) -> bool:
+    def take(image: RgbdImage, T_base_camera: Array) -> _Sample:
         nonlocal error_px
         guess = servo.predict(T_base_camera)
         pixel, depth = (None, None) if guess is None else find(image, *guess)
@@ -122,10 +120,9 @@ def servo_on_point(
         after = servo.predict(T_base_camera)
         shown = pixel if pixel is not None else None if after is None else after[0]
         error_px = float("inf") if shown is None else float(np.linalg.norm(shown - goal))
-        _record(ctx, name, image.stamp, error_px, [None if shown is None else shown[None]], [goal[None]])
-        return state.converged
+        return _Sample(image, error_px, [] if shown is None else [shown[None]], [goal[None]], state.converged)
 
-    loop = _Loop(ctx, arm, name=name, status=status, timeout_s=timeout_s, clearance=clearance)
+    loop = _Loop(ctx, arm, name=name, status=status, timeout_s=timeout_s, clearance=clearance, calibrated=calibrated)
     return (
         yield from loop.run(
             take,
@@ -136,20 +133,53 @@ def servo_on_point(
     )
 
 
+@dataclass(frozen=True)
+class _Sample:
+    """What one frame came to: error (px), features seen and wanted ((n, 2) px each), and whether it is enough."""
+
+    image: RgbdImage
+    error_px: float
+    seen: Sequence[Array]
+    wanted: Sequence[Array]
+    converged: bool
+
+    def picture(self) -> Array:
+        """The frame, a diamond where each feature is and a cross where it should be."""
+        import cv2
+
+        bgr = np.array(self.image.bgr)
+        for kind, colour, places in (
+            (cv2.MARKER_DIAMOND, (0, 255, 255), self.seen), (cv2.MARKER_CROSS, (255, 0, 255), self.wanted)
+        ):  # fmt: skip
+            for place in np.concatenate([np.zeros((0, 2)), *places]):
+                if np.abs(place).max() < 1e4:
+                    cv2.drawMarker(bgr, np.round(place).astype(int).tolist(), colour, kind, 12, 1)
+        return bgr
+
+
 class _Loop:
     """The beat that both kinds of servoing share."""
 
     def __init__(
-        self, ctx: Context, arm: ArmDriver, *, name: str, status: str, timeout_s: float, clearance: Clearance | None
+        self,
+        ctx: Context,
+        arm: ArmDriver,
+        *,
+        name: str,
+        status: str,
+        timeout_s: float,
+        clearance: Clearance | None,
+        calibrated: bool = False,
     ) -> None:
-        self._ctx, self._arm = ctx, arm
+        self._ctx, self._arm, self._calibrated = ctx, arm, calibrated
         self._name, self._status, self._timeout_s = name, status, timeout_s
         self._solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.velocity_max, IK, clearance)
         self._begin = self._free = ctx.clock.now()
+        self._last: _Sample | None = None
 
     def run(
         self,
-        take: Callable[[RgbdImage, Array], bool],
+        take: Callable[[RgbdImage, Array], _Sample],
         twist: Callable[[float, Array], Array],
         describe: Callable[[], str],
         measure: Callable[[], tuple[float, int]],
@@ -157,7 +187,7 @@ class _Loop:
         """Servo to the end, and write down how it ended.
 
         Args:
-            take: gets a frame and `T_base_camera`; tells whether the features are where they should be.
+            take: gets a frame and `T_base_camera`; tells where the features are and where they should be.
             twist: (6,) of the camera at a time, in base_link.
             describe: how it stands, for a person.
             measure: error in px and frames used so far.
@@ -181,29 +211,34 @@ class _Loop:
 
     def _follow(
         self,
-        take: Callable[[RgbdImage, Array], bool],
+        take: Callable[[RgbdImage, Array], _Sample],
         twist: Callable[[float, Array], Array],
         describe: Callable[[], str],
     ) -> Generator[Feedback, None, None]:
-        ctx, frames = self._ctx, self._ctx.world.frames
+        ctx = self._ctx
         stamp = self._begin
         while True:
             now = ctx.clock.now()
             image = self._new_image(stamp)
             if image is not None:
                 stamp = image.stamp
-                if take(image, frames.lookup("base_link", CAMERA, stamp)):
-                    ctx.log.picture(self._name, image.bgr)
+                self._last = take(image, self._pose(CAMERA, stamp))
+                self._record(self._last)
+                if self._last.converged:
                     return
             if now - self._begin > self._timeout_s:
                 raise ActionFailed(Reason.NOT_CONVERGED, f"{describe()} after {self._timeout_s} s")
-            T_base_camera = frames.lookup("base_link", CAMERA)
-            T_base_hand = frames.lookup("base_link", "hand")
+            T_base_camera, T_base_hand = self._pose(CAMERA), self._pose("hand")
             wish = shift_twist(twist(now, T_base_camera), T_base_camera[:3, 3], T_base_hand[:3, 3])
             command = self._solver.solve(ctx.world.joints(), wish)
             self._arm.send(command.velocity)
             self._watch_halt(command, now)
             yield Feedback(status=f"{self._status} ({describe()})")
+
+    def _pose(self, frame: str, stamp: float | None = None) -> Array:
+        """(4, 4) of a frame of the hand in base_link, the newest when no stamp is given."""
+        T = self._ctx.world.frames.lookup("base_link", frame, stamp)
+        return hand_correction(self._ctx) @ T if self._calibrated else T
 
     def _watch_halt(self, command: JointVelocityCommand, now: float) -> None:
         if not command.hindrance or command.velocity.any():
@@ -223,7 +258,19 @@ class _Loop:
             iterations=iterations,
             duration_s=outcome.duration_s,
         )
+        if self._last is not None and reason != Status.PREEMPTED:
+            self._ctx.log.picture(f"{self._name}_{reason}" if reason else self._name, self._last.picture())
         return outcome
+
+    def _record(self, sample: _Sample) -> None:
+        self._ctx.log.event(
+            "servo_sample",
+            action=self._name,
+            t=sample.image.stamp,
+            error_px=sample.error_px,
+            corners=[place for places in sample.seen for place in places.tolist()],
+            desired=[place for places in sample.wanted for place in places.tolist()],
+        )
 
     def _new_image(self, stamp: float) -> RgbdImage | None:
         try:
@@ -231,33 +278,6 @@ class _Loop:
         except StaleData:
             return None
         return image if image.stamp > stamp else None
-
-
-def with_retries(
-    ctx: Context,
-    tries: int,
-    attempt: Callable[[], Generator[Feedback, None, R]],
-    back: Callable[[], Generator[Feedback, None, None]],
-) -> Generator[Feedback, None, R]:
-    """Servo again from the staging pose when a run failed for a reason that another look may cure.
-
-    Args:
-        tries: how often in all.
-        attempt: makes one run, with a controller of its own.
-        back: goes from where a run failed back to the staging pose; after the last run too.
-
-    Raises:
-        ActionFailed: why the last run failed.
-    """
-    for left in range(tries - 1, -1, -1):
-        try:
-            return (yield from attempt())
-        except ActionFailed as failed:
-            yield from back()
-            if left == 0 or failed.reason not in TRY_AGAIN:
-                raise
-            ctx.log.event("servo_again", reason=str(failed.reason), detail=failed.detail, left=left)
-    raise InvalidInput(f"tries must be at least 1, got {tries}")
 
 
 def go_straight(
@@ -284,11 +304,3 @@ def hand_shift(T_base_hand: Array, T_base_expected: Array) -> Array:
 def camera_mount(ctx: Context) -> Array:
     """`T_hand_camera` of the wrist camera."""
     return inverse(ctx.world.frames.lookup("base_link", "hand")) @ ctx.world.frames.lookup("base_link", CAMERA)
-
-
-def _record(
-    ctx: Context, name: str, stamp: float, error_px: float, seen: list[Array | None], desired: list[Array]
-) -> None:
-    corners = [corner for corners in seen if corners is not None for corner in corners.tolist()]
-    goals = [corner for corners in desired for corner in corners.tolist()]
-    ctx.log.event("servo_sample", action=name, t=stamp, error_px=error_px, corners=corners, desired=goals)

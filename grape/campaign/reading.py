@@ -21,7 +21,7 @@ FAILED = ("aborted", "rejected")
 
 @dataclass(frozen=True, kw_only=True)
 class ActionFailure:
-    """An action that failed, and the picture taken nearest to it (a path in the run folder, or empty)."""
+    """An action that failed, and its own picture or the nearest one (a path in the run folder, or empty)."""
 
     action: str
     reason: str
@@ -157,12 +157,14 @@ def _by_plant(events: Sequence[Mapping[str, Any]]) -> dict[str, _PlantEvents]:
 
 def _failure(event: Mapping[str, Any], pictures: Sequence[Mapping[str, Any]]) -> ActionFailure:
     crash = event["kind"] == "crash"
+    time_s, name = float(event["t"]), str(event["name"])
+    own = [p for p in pictures if p["name"].startswith(name) and event.get("start", 0.0) <= p["t"] <= time_s]
     return ActionFailure(
-        action=str(event["name"]),
+        action=name,
         reason="crash" if crash else str(event["reason"]),
         detail=str(event["error"] if crash else event["detail"]),
-        time_s=float(event["t"]),
-        picture=_nearest(pictures, float(event["t"])),
+        time_s=time_s,
+        picture=_nearest(own or pictures, time_s),
     )
 
 

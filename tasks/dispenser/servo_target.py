@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from grape.actions.core import Context, Feedback
-from grape.actions.servoing import go_straight, hand_shift, leave, with_retries
+from grape.actions.servo_tries import with_retries
+from grape.actions.servoing import go_straight, hand_shift, leave
 from grape.drivers import ArmDriver
 from grape.messages import Array
 from grape.tasks.dispenser.targets import HangTarget
@@ -43,8 +44,9 @@ def servo_to_target(
     arm: ArmDriver,
     T_hand_nails: Array,
     attempt: Callable[[], Generator[Feedback, None, Any]],
+    look: Callable[[], Generator[Feedback, None, None]],
 ) -> Generator[Feedback, None, ServoToTargetResult]:
-    """Runs `attempt`, again from the staging pose when it fails, and tells where the target is."""
+    """Looks and runs `attempt`, again from the staging pose when that fails, and tells where the target is."""
     target = goal.target
     T_staging = ctx.robot.hand_pose(ctx.world.joints())
 
@@ -55,6 +57,6 @@ def servo_to_target(
             yield from leave(ctx, arm, target.approach, inside)
         yield from go_straight(ctx, arm, T_staging, status="back before the target")
 
-    yield from with_retries(ctx, goal.tries, attempt, back)
+    yield from with_retries(ctx, goal.tries, attempt, back, look)
     shift = hand_shift(ctx.robot.hand_pose(ctx.world.joints()), target.hand_pose(T_hand_nails))
     return ServoToTargetResult(refined=replace(target, tip=target.tip + shift))

@@ -11,7 +11,9 @@ import pytest
 from paper_robot import Bench
 
 from grape.actions.core import Feedback
-from grape.actions.servoing import FRAME_AGE_MAX_S, servo_on_point, with_retries
+from grape.actions.look_around import FRAME_AGE_MAX_S
+from grape.actions.servo_tries import with_retries
+from grape.actions.servoing import servo_on_point
 from grape.errors import ActionFailed, LeaseRevoked, Reason, StaleData
 
 
@@ -63,19 +65,20 @@ def test_a_run_that_converges_says_so(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    ("error", "reason"),
+    ("error", "reason", "shown"),
     [
-        (ActionFailed(Reason.FEATURE_LOST, "gone"), "feature_lost"),
-        (StaleData("no joints"), "stale_data"),
-        (LeaseRevoked("taken"), "preempted"),
-        (ZeroDivisionError(), "internal_error"),
+        (ActionFailed(Reason.FEATURE_LOST, "gone"), "feature_lost", True),
+        (StaleData("no joints"), "stale_data", True),
+        (LeaseRevoked("taken"), "preempted", False),
+        (ZeroDivisionError(), "internal_error", True),
     ],
 )
-def test_a_run_that_breaks_off_tells_why(bench: Bench, error: Exception, reason: str) -> None:
+def test_a_run_that_breaks_off_tells_why(bench: Bench, error: Exception, reason: str, shown: bool) -> None:
     with pytest.raises(type(error)):
         bench.run(servoing(bench, StubServo(2, error)))
     (end,) = ends(bench)
     assert (end["converged"], end["reason"], end["iterations"]) == (False, reason, 2)
+    assert bench.log.pictures == ([f"Servo_{reason}"] if shown else []), "of what it saw last"
 
 
 def test_a_run_out_of_time_has_not_converged(bench: Bench) -> None:
@@ -135,6 +138,17 @@ def failing(*reasons: Reason) -> Any:
         yield Feedback()
 
     return attempt, back, done
+
+
+def test_there_is_no_run_when_looking_around_finds_nothing(bench: Bench) -> None:
+    attempt, back, done = failing()
+
+    def look() -> Generator[Feedback, None, None]:
+        yield Feedback()
+        raise ActionFailed(Reason.FEATURE_LOST, "nowhere")
+
+    assert bench.failure(with_retries(bench.ctx, 2, attempt, back, look)).detail == "nowhere"
+    assert not done
 
 
 def test_a_lost_feature_is_looked_for_again_from_the_staging_pose(bench: Bench) -> None:

@@ -15,6 +15,7 @@ from paper_campaign import PaperEngine, write_run
 from grape import cli
 from grape.campaign.command import run_campaign
 from grape.campaign.plan import Job, make_plan
+from grape.campaign.reading import read_run
 
 PLAN = make_plan("dispenser_deployment", [], ["world.style=cordon,gobelet", "world.slope=0.03,0.1"])
 
@@ -192,3 +193,19 @@ def test_the_command_says_how_many_hang(
     assert end.value.code == 0
     out = capsys.readouterr().out
     assert "2 of 3" in out and "66.7 %" in out and "account right 83.3 %" in out
+
+
+def test_a_failure_shows_the_picture_that_its_own_action_took(folder: Path) -> None:
+    job = Job(seed=0, settings=(), varied={}, folder=folder / "seed0", command=(), replay="")
+    write_run(job, hanging=("r0n0",), outcomes={"r0v1": "feature_lost"})
+    path = job.folder / "events.jsonl"
+    kept, finished = path.read_text().splitlines()[:-2], path.read_text().splitlines()[-2:]
+    more = (
+        {"t": 70.0, "kind": "picture", "name": "ServoToSpur_feature_lost", "file": "pictures/002.png"},
+        {"t": 72.0, "kind": "action", "name": "ServoToSpur", "status": "aborted", "reason": "feature_lost",
+         "detail": "", "start": 66.0},
+        {"t": 72.5, "kind": "picture", "name": "grasp", "file": "pictures/003.png"},
+    )  # fmt: skip
+    path.write_text("\n".join([*kept, *map(json.dumps, more), *finished]) + "\n")
+    vine = read_run(job, json.loads((job.folder / "result.json").read_text())).plants[1]
+    assert [failure.picture for failure in vine.failures] == ["pictures/002.png"]

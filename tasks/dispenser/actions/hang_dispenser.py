@@ -9,8 +9,11 @@ import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.hand_path import HandPathOptions, calibrated_joints, follow_hand_path, smooth_step, straight
+from grape.drivers import ArmDriver, GripperDriver
+from grape.errors import ActionFailed
 from grape.geometry import pose
 from grape.messages import Array
+from grape.tasks.dispenser.actions.withdraw_hand import WithdrawHandGoal, complete_release
 from grape.tasks.dispenser.targets import RETREAT_M, HangTarget
 
 
@@ -33,33 +36,49 @@ class HangDispenserGoal:
 
 @action("HangDispenser")
 def hang_dispenser(goal: HangDispenserGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
-    """Closes the fingers while the arm keeps the nails in place, then backs off along the fingers."""
-    robot = ctx.robot
-    gripper = robot.description.gripper
+    """Closes the fingers while the arm keeps the nails in place, then backs off along the fingers.
+
+    When the arm cannot follow, the release is completed from where the hand is, as far as it goes. It ends well all the
+    same: what became of the dispenser only a look can tell, and that comes next.
+    """
     with (
         ctx.ledger.step("release", goal.target.plant, target=goal.target.as_record()),
         ctx.arm.lease("HangDispenser") as arm,
         ctx.gripper.lease("HangDispenser") as fingers,
     ):
-        T_base_nails = robot.hand_pose(calibrated_joints(ctx)) @ robot.hand.T_hand_nails(gripper.open_angle)
-
-        def angle_at(t: float) -> float:
-            s = smooth_step(t / goal.close_s)
-            return gripper.open_angle + s * (gripper.closed_angle - gripper.open_angle)
-
-        def nails_held(t: float) -> Array:
-            return T_base_nails @ np.linalg.inv(robot.hand.T_hand_nails(angle_at(t)))
-
-        yield from follow_hand_path(
-            ctx, arm, nails_held, goal.close_s, status="closing the fingers", gripper=fingers,
-            fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]),
-            options=HandPathOptions(calibrated=True),
-        )  # fmt: skip
+        try:
+            yield from _release(goal, ctx, arm, fingers)
+        except ActionFailed as failed:
+            ctx.log.event("release_hindered", reason=str(failed.reason), detail=failed.detail)
+            try:
+                yield from complete_release(WithdrawHandGoal(close_s=goal.close_s), ctx, arm, fingers, goal.target)
+            except ActionFailed as again:
+                ctx.log.event("release_hindered", reason=str(again.reason), detail=again.detail)
         ctx.ledger.move_dispenser("hand", goal.target.plant)
-        T_closed = nails_held(goal.close_s)
-        T_back = T_closed @ pose(None, (0.0, 0.0, goal.retreat_m))
-        yield from follow_hand_path(
-            ctx, arm, straight(T_closed, T_back, goal.retreat_s), goal.retreat_s, status="released, backing off",
-            options=HandPathOptions(tolerance_m=0.08, tolerance_rad=0.5, calibrated=True),
-        )  # fmt: skip
     return NoResult()
+
+
+def _release(
+    goal: HangDispenserGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver
+) -> Generator[Feedback, None, None]:
+    robot, gripper = ctx.robot, ctx.robot.description.gripper
+    T_base_nails = robot.hand_pose(calibrated_joints(ctx)) @ robot.hand.T_hand_nails(gripper.open_angle)
+
+    def angle_at(t: float) -> float:
+        s = smooth_step(t / goal.close_s)
+        return float(gripper.open_angle + s * (gripper.closed_angle - gripper.open_angle))
+
+    def nails_held(t: float) -> Array:
+        return np.asarray(T_base_nails @ np.linalg.inv(robot.hand.T_hand_nails(angle_at(t))))
+
+    yield from follow_hand_path(
+        ctx, arm, nails_held, goal.close_s, status="closing the fingers", gripper=fingers,
+        fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]),
+        options=HandPathOptions(calibrated=True),
+    )  # fmt: skip
+    T_closed = nails_held(goal.close_s)
+    T_back = T_closed @ pose(None, (0.0, 0.0, goal.retreat_m))
+    yield from follow_hand_path(
+        ctx, arm, straight(T_closed, T_back, goal.retreat_s), goal.retreat_s, status="released, backing off",
+        options=HandPathOptions(tolerance_m=0.08, tolerance_rad=0.5, calibrated=True),
+    )  # fmt: skip

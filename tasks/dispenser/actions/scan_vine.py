@@ -17,6 +17,7 @@ from grape.geometry import interpolate, pose, pose_error, rotation_x, rotation_z
 from grape.messages import Array, LaserScan, RgbdImage
 from grape.perception.sweep import AssembleOptions, Sweep, assemble
 from grape.tasks.dispenser.row import row_boxes, row_distance
+from grape.tasks.dispenser.scan_views import remember_views
 
 WRIST_LIDAR = "wrist_lidar"
 NEAREST_M = 0.22  # of the hand to the arm's base, across the row: nearer there is no arm posture
@@ -152,6 +153,7 @@ class _Collector:
         self._wanted = images
         self._scans: list[LaserScan] = []
         self._images: list[RgbdImage] = []
+        self._joints: list[Array] = []
         self._newest = ctx.clock.now()
         self._next_scan_read = 0.0
 
@@ -167,6 +169,7 @@ class _Collector:
                 return
             if not self._images or image.stamp > self._images[-1].stamp:
                 self._images.append(image)
+                self._joints.append(self._ctx.world.joints())
 
     def _read_scans(self) -> None:
         new = self._ctx.drivers.scans[WRIST_LIDAR].since(self._newest)
@@ -183,6 +186,7 @@ class _Collector:
         ends = [frames.lookup("base_link", WRIST_LIDAR, min(s.stamp + s.scan_time, now)) for s in self._scans]
         sweep = assemble(self._scans, stamped, SWEEP, T_map_lidar_end=ends)
         cameras = tuple(frames.lookup("base_link", "camera_optical", image.stamp) for image in self._images)
+        remember_views(self._ctx, cameras, self._joints)
         return VineScan(
             sweep=sweep, images=tuple(self._images), T_base_camera=cameras, T_hand_camera=camera_mount(self._ctx)
         )

@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Generator, Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.hand_path import JOINT_OFFSETS
+from grape.actions.look_around import look_around, marker_in_view
 from grape.actions.move_arm import checker_for
-from grape.actions.servoing import ServoOutcome, camera_mount, go_straight, servo_on_markers, with_retries
+from grape.actions.servo_tries import with_retries
+from grape.actions.servoing import ServoOutcome, camera_mount, go_straight, servo_on_markers
 from grape.control.ibvs import MarkerServo, MarkerServoOptions
 from grape.control.joint_offsets import joint_offsets
 from grape.geometry import inverse
@@ -55,6 +59,13 @@ def servo_to_feeder(goal: ServoToFeederGoal, ctx: Context) -> Generator[Feedback
     with ctx.ledger.step("insert", level=int(goal.level)), ctx.arm.lease("ServoToFeeder") as arm:
         T_staging = robot.hand_pose(ctx.world.joints())
 
+        def look() -> Generator[Feedback, None, None]:
+            return look_around(
+                ctx, arm, marker_in_view(detector, feeder.T_feeder_marker), name="ServoToFeeder",
+                what=f"markers {sorted(feeder.T_feeder_marker)}", away=np.array([0.0, 0.0, 1.0]),
+                checker=checker_for(ctx),
+            )  # fmt: skip
+
         def attempt() -> Generator[Feedback, None, ServoOutcome]:
             servo = MarkerServo(
                 {i: lambda height, i=i: desired(height)[i] for i in feeder.T_feeder_marker},  # type: ignore[misc]
@@ -72,7 +83,7 @@ def servo_to_feeder(goal: ServoToFeederGoal, ctx: Context) -> Generator[Feedback
         def back() -> Generator[Feedback, None, None]:
             yield from go_straight(ctx, arm, T_staging, status="back above the feeder")
 
-        yield from with_retries(ctx, goal.tries, attempt, back)
+        yield from with_retries(ctx, goal.tries, attempt, back, look)
     T_arm_base_hand = robot.in_arm_base(hand_at_feeder(robot, goal.level, 0.0))
     offsets = joint_offsets(robot.arm, ctx.world.joints(), T_arm_base_hand)
     ctx.world.committed[JOINT_OFFSETS] = offsets

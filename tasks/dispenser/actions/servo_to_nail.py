@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Generator, Mapping
 
 from grape.actions.core import Context, Feedback, action
+from grape.actions.look_around import look_around, marker_in_view
 from grape.actions.move_arm import checker_for
 from grape.actions.servoing import ServoOutcome, camera_mount, servo_on_markers
 from grape.control.ibvs import MarkerServo, MarkerServoOptions
 from grape.messages import Array
 from grape.perception.markers import MarkerDetector
 from grape.tasks.dispenser.nail_board import MARKER_DICTIONARY, MARKER_SIDE_M, NailBoard, desired_markers
+from grape.tasks.dispenser.row import row_boxes
 from grape.tasks.dispenser.servo_target import ServoToTargetGoal, ServoToTargetResult, servo_to_target
+
+ROW_DEPTH_M = 0.09  # from the row's line towards the robot: what looking around keeps clear of
 
 
 @action("ServoToNail")
@@ -30,6 +34,12 @@ def servo_to_nail(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
     step = ctx.ledger.step("place", goal.target.plant, target=goal.target.as_record())
     with step, ctx.arm.lease("ServoToNail") as arm:
 
+        def look() -> Generator[Feedback, None, None]:
+            return look_around(
+                ctx, arm, marker_in_view(detector, ids), name="ServoToNail", what=f"markers {sorted(ids)}",
+                away=goal.target.approach, checker=checker_for(ctx, row_boxes(ctx, goal.target.plant, ROW_DEPTH_M)),
+            )  # fmt: skip
+
         def attempt() -> Generator[Feedback, None, ServoOutcome]:
             servo = MarkerServo(
                 {i: lambda stand_off, i=i: desired(stand_off)[i] for i in ids},  # type: ignore[misc]
@@ -44,4 +54,4 @@ def servo_to_nail(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
                 )
             )  # fmt: skip
 
-        return (yield from servo_to_target(goal, ctx, arm, T_hand_nails, attempt))
+        return (yield from servo_to_target(goal, ctx, arm, T_hand_nails, attempt, look))

@@ -52,7 +52,7 @@ def withdraw_hand(goal: WithdrawHandGoal, ctx: Context) -> Generator[Feedback, N
         if step.name in ("insert", "grasp"):
             yield from _out_of_feeder(goal, ctx, arm, fingers, int(step.details["level"]))
         elif release_pending(ctx, step):
-            yield from _complete_release(goal, ctx, arm, fingers, HangTarget(**step.details["target"]))
+            yield from complete_release(goal, ctx, arm, fingers, HangTarget(**step.details["target"]))
         elif step.name == "place" or (step.name == "release" and step.outcome == "failed"):
             yield from _off_the_tip(ctx, arm, HangTarget(**step.details["target"]))
     return NoResult()
@@ -104,7 +104,7 @@ def _out_of_feeder(
     yield from _go(goal, ctx, arm, np.array([0.0, 0.0, max(0.0, top - offset[2])]))
 
 
-def _complete_release(
+def complete_release(
     goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, target: HangTarget
 ) -> Generator[Feedback, None, None]:
     """Close the fingers where they are and back off along them, as far as that was not done yet."""

@@ -203,6 +203,28 @@ def test_nails_stay_in_place_while_the_fingers_close_then_back_off(bench: Bench,
     assert bench.ledger.account()["deployed"] == 1 and bench.ledger.dispensers()["n0"] == 1
 
 
+@pytest.mark.parametrize(("stuck_s", "freed"), [(1.0, True), (2.2, True), (2.2, False)])
+def test_a_release_that_the_arm_hinders_is_completed_as_far_as_it_goes_and_left_to_a_look(
+    bench: Bench, task: SimpleNamespace, stuck_s: float, freed: bool
+) -> None:
+    """Stuck while the fingers close, or on the way back; free again with the first failure, or never."""
+    target = task.put_nail(bench)
+    in_hand(bench)
+    task.at_target(bench, target)
+    start, begin = bench.now(), bench.hand[:3, 3]
+    run = hang_dispenser(HangDispenserGoal(target=target), bench.ctx)
+    for _ in run:
+        bench.advance()
+        hindered = any(kind == "release_hindered" for kind, _ in bench.log.events)
+        bench.arm.stuck = bench.now() - start > stuck_s and not (freed and hindered)
+    assert bench.log.last("release_hindered")["reason"] == "tracking_error"
+    assert bench.ledger.dispensers()["n0"] == 1, "until somebody looks"
+    if freed:
+        assert bench.fingers.angles[1:] == pytest.approx(GRIPPER.closed_angle, abs=0.02)
+        assert begin[1] - bench.hand[1, 3] > 0.10
+    assert bench.ctx.arm.owner is None
+
+
 def hung_at(bench: Bench, target: HangTarget) -> None:
     """A dispenser was put on the nail and the hand has backed off, fingers closed."""
     bench.ledger.move_dispenser("feeder", "hand")
