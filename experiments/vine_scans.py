@@ -27,6 +27,7 @@ from grape.sim.worlds import VineyardOptions, World, generate_vineyard
 from grape.tasks.dispenser.actions.drive_to_plant import stop_pose
 from grape.tasks.dispenser.actions.scan_vine import SWEEP, ScanVineGoal, VineScan, sweep_path
 from grape.tasks.dispenser.row import GROUND_CLEARANCE_M
+from grape.tasks.dispenser.stops import first_stop
 
 VINES = 3  # in the row; the scanned one has neighbours, or a post, on its sides
 WORST_SIGMA_M, WORST_BIAS_M = 0.020, 0.060  # of the TiM561 by its data sheet

@@ -103,9 +103,7 @@ def usual_nails(height_m: float, reach_m: float, error_m: float = 0.05) -> tuple
     direction = np.array([0.0, -np.cos(rise), np.sin(rise)])
     tip = np.array([0.0, -reach_m, height_m - GROUND_CLEARANCE_M])
     offsets = [error_m * np.array(e) for e in ((0, 0, 0), (1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
-    return tuple(
-        HangTarget(plant="", kind="nail", tip=tip + e, direction=direction, pitch=np.pi / 2) for e in offsets
-    )
+    return tuple(HangTarget(plant="", kind="nail", tip=tip + e, direction=direction, pitch=np.pi / 2) for e in offsets)
 
 
 def orientations(

@@ -28,7 +28,8 @@ UP = np.array([0.0, 0.0, 1.0])
 
 def at(stop: Stop, targets: tuple[HangTarget, ...]) -> list[HangTarget]:
     """Targets in base_link at a stop, from those relative to the plant."""
-    return [replace(t, tip=t.tip + [0.25 + stop.ahead_m, ARM_SIDE_M + stop.beside_m, 0.0]) for t in targets]
+    shift = np.array([0.25 + stop.ahead_m, ARM_SIDE_M + stop.beside_m, 0.0])
+    return [replace(t, tip=t.tip + shift) for t in targets]
 
 
 def reached(robot: Any, stop: Stop, targets: tuple[HangTarget, ...]) -> int:

@@ -76,8 +76,6 @@ def _move_above(ctx: Context, arm: ArmDriver, target: HangTarget, stand_off: flo
 
 def _turned(ctx: Context, target: HangTarget) -> list[HangTarget]:
     """The other orientations of the hand in which the arm can do the whole motion, with most room first."""
-    others = [
-        way for way in orientations(target) if (way.pitch, way.azimuth) != (target.pitch, target.azimuth)
-    ]
+    others = [way for way in orientations(target) if (way.pitch, way.azimuth) != (target.pitch, target.azimuth)]
     margins = margins_of(ctx.robot, others) if others else np.zeros(0)
     return [others[k] for k in np.argsort(-margins, kind="stable") if margins[k] > 0.0]
