@@ -16,7 +16,6 @@ from grape.errors import InvalidInput
 from grape.geometry import inverse, pose, rotation_exp, rotation_from_rpy, rotation_to_quaternion, transform
 from grape.kinematics import inverse_all, inverse_path
 from grape.messages import Array, LaserScan, RgbdImage
-from grape.navigation.route import RouteOptions, park_beside
 from grape.perception.sweep import Sweep, assemble
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.sim.compose import BASE_JOINT, compose_seen
@@ -25,9 +24,10 @@ from grape.sim.drivers.lidar import TIM561, Cast, SimulatedScanner
 from grape.sim.physics import STEPS_PER_SECOND, Physics, Replica
 from grape.sim.raycast import Raycaster
 from grape.sim.worlds import VineyardOptions, World, generate_vineyard
-from grape.tasks.dispenser.actions.drive_to_plant import ARM_SIDE_M, DriveToPlantGoal
+from grape.tasks.dispenser.actions.drive_to_plant import stop_pose
 from grape.tasks.dispenser.actions.scan_vine import SWEEP, ScanVineGoal, VineScan, sweep_path
 from grape.tasks.dispenser.row import GROUND_CLEARANCE_M
+from grape.tasks.dispenser.stops import first_stop
 
 VINES = 3  # in the row; the scanned one has neighbours, or a post, on its sides
 WORST_SIGMA_M, WORST_BIAS_M = 0.020, 0.060  # of the TiM561 by its data sheet
@@ -107,12 +107,12 @@ def scan_simulated_vine(
     """
     goal, errors = goal or ScanVineGoal(plant=""), errors or ScanErrors()
     rng = np.random.default_rng([seed, 8])
+    robot = build_robot(DESCRIPTION)
     world = generate_vineyard(VineyardOptions(seed=seed, style=style, rows=1, vines_per_row=VINES))  # type: ignore[arg-type]
     plant = f"r0v{seed % VINES}"
-    T_map_base = _park(world, plant, errors, rng)
+    T_map_base = _park(world, robot, plant, errors, rng)
     trunk = world.site.plant(plant).position
     foot = transform(inverse(T_map_base), np.array([*trunk, T_map_base[2, 3]]))[:2] + rng.normal(0, errors.plant_m, 2)
-    robot = build_robot(DESCRIPTION)
     sensors = _Sensors(world, seed)
     sensors.sweep(T_map_base, robot, goal, float(foot[1]))
     believed = [T @ E for T, E in zip(sensors.T_base_hand, _wander(len(sensors.T_base_hand), errors, rng), strict=True)]
@@ -133,10 +133,9 @@ def _mount(name: str) -> Array:
     return DESCRIPTION.mounts[name].T_parent_sensor
 
 
-def _park(world: World, plant: str, errors: ScanErrors, rng: np.random.Generator) -> Array:
+def _park(world: World, robot: Robot, plant: str, errors: ScanErrors, rng: np.random.Generator) -> Array:
     """`T_map_base` of the robot at its first stop for a plant."""
-    options = RouteOptions(lateral=ARM_SIDE_M + DriveToPlantGoal(plant=plant).row_distance_m)
-    x, y, yaw = park_beside(world.site, plant, "fore", options)
+    x, y, yaw = stop_pose(world.site, plant, first_stop(robot, "vine"))
     x, y = np.array([x, y]) + rng.normal(0.0, errors.stop_m, 2)
     roll, pitch = rng.normal(0.0, errors.tilt_rad, 2) - [0.0, np.arctan(world.terrain.slope) * np.cos(yaw)]
     R = rotation_from_rpy(float(roll), float(pitch), float(yaw + rng.normal(0.0, errors.stop_rad)))

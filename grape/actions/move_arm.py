@@ -105,7 +105,7 @@ def find_postures(
     checker = checker_for(ctx, boxes, holding=holding)
     on_line = checker_for(ctx, carve=() if touch is None else (touch,), without=touch_boxes, holding=False)
     start = ctx.world.joints()
-    steps = _densely([robot.in_arm_base(T) for T in line])
+    steps = densely([robot.in_arm_base(T) for T in line])
     found: list[tuple[float, Array]] = []
     solutions: tuple[IkSolution, ...] = inverse_all(robot.arm, steps[0], start)
     for solution in solutions:
@@ -217,7 +217,7 @@ def follow(ctx: Context, arm: ArmDriver, trajectory: Trajectory, *, status: str)
         yield Feedback(status=status, progress=trajectory.progress(t))
 
 
-def _densely(line: list[Array], step_m: float = 0.03) -> list[Array]:
+def densely(line: list[Array], step_m: float = 0.03) -> list[Array]:
     """The poses of a line with more between them, at most `step_m` apart."""
     poses = [line[0]]
     for T_a, T_b in pairwise(line):

@@ -18,7 +18,7 @@ _LOOP_HALF_WIDTH_M = 0.022
 _LOOP_RADIUS_M = 0.010
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Robot:
     """Description and models of one robot; every pose and collision shape is given in base_link.
 

@@ -118,7 +118,7 @@ def inverse_all(
     """
     options = options or IkOptions()
     reference = np.asarray(reference, float)
-    starts = [reference, *(() if seeds is None else np.atleast_2d(seeds)), *_scatter(arm, options.seeds, rng)]
+    starts = [reference, *(() if seeds is None else np.atleast_2d(seeds)), *scattered_postures(arm, options.seeds, rng)]
     found: list[IkSolution] = []
     for start in starts:
         result = inverse(arm, T_base_hand, start, options)
@@ -144,7 +144,7 @@ def inverse_path(
     return np.array(path)
 
 
-def _scatter(arm: ArmModel, count: int, rng: np.random.Generator | None) -> Array:
+def scattered_postures(arm: ArmModel, count: int, rng: np.random.Generator | None = None) -> Array:
     """Seeds (count, n) spread over the joint ranges; continuous joints over one turn."""
     low = np.where(np.isinf(arm.position_min), -np.pi, arm.position_min + 0.1)
     high = np.where(np.isinf(arm.position_max), np.pi, arm.position_max - 0.1)

@@ -6,11 +6,13 @@ loop on the +y side of the nail line. Source: grape's contact study (docs/decisi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
+from grape.actions.core import Context
 from grape.errors import InvalidInput
 from grape.geometry import inverse, pose, rotation_x, rotation_z
 from grape.messages import Array, frozen_array
@@ -18,6 +20,7 @@ from grape.messages import Array, frozen_array
 AIM_OFFSET_M = 0.028  # from the nail line to where the spur passes the loop, along the hand's y
 AIM_DEPTH_M = 0.030  # how far the loop is pushed over the tip
 TOUCH_M = 0.12  # around the tip: what the hand is there to touch
+SPURS = "spurs"  # in the ledger: what was found from this stop, whether or not the arm reaches it
 RETREAT_M = 0.14  # straight back along the fingers after letting go
 
 
@@ -98,3 +101,14 @@ def hang_line(robot: Any, target: HangTarget, stand_off: float) -> tuple[Array, 
     over = target.hand_pose(opened)
     released = over @ opened @ inverse(closed)
     return target.hand_pose(opened, stand_off), over, released, released @ pose(None, (0.0, 0.0, RETREAT_M))
+
+
+def remember_spurs(ctx: Context, targets: Sequence[HangTarget]) -> None:
+    """Keeps every spur that was found from this stop in the ledger, for the choice of another stop."""
+    ctx.ledger.remember(SPURS, [target.as_record() for target in targets])
+
+
+def recall_spurs(ctx: Context, plant: str) -> tuple[HangTarget, ...]:
+    """The spurs of a plant, in base_link, that were found since the base moved last; none when nothing was."""
+    records = ctx.ledger.recall(SPURS) or ()
+    return tuple(HangTarget(**record) for record in records if record["plant"] == plant)

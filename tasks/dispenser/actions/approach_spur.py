@@ -5,27 +5,77 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 
-from grape.actions.core import Context, Feedback, NoResult, action
+import numpy as np
+
+from grape.actions.core import Context, Feedback, action
 from grape.actions.move_arm import move_to_pose
 from grape.actions.retract import back_off
+from grape.drivers import ArmDriver
+from grape.errors import ActionFailed, Reason
+from grape.tasks.dispenser.stops import SPUR_STAND_OFF_M, margins_of, orientations
 from grape.tasks.dispenser.targets import TOUCH_M, HangTarget, hang_line
+
+TURN_THE_HAND = (Reason.UNREACHABLE, Reason.NO_PLAN, Reason.IN_COLLISION, Reason.CABLE_BUDGET)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ApproachSpurGoal:
-    """Attributes: target: the deployment pose. stand_off_m: of the loop above the spur's tip."""
+    """What to approach, and how.
+
+    Attributes:
+        target: the deployment pose.
+        stand_off_m: of the loop above the spur's tip.
+        turns: how many other orientations of the hand are tried where no way leads to the first.
+    """
 
     target: HangTarget
-    stand_off_m: float = 0.10
+    stand_off_m: float = SPUR_STAND_OFF_M
+    turns: int = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class ApproachSpurResult:
+    """Attributes: approached: the deployment pose with the orientation of the hand that was reached."""
+
+    approached: HangTarget
 
 
 @action("ApproachSpur")
-def approach_spur(goal: ApproachSpurGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
-    """Plans to a pitched hand pose above a spur, collision-free against the scanned vine."""
+def approach_spur(goal: ApproachSpurGoal, ctx: Context) -> Generator[Feedback, None, ApproachSpurResult]:
+    """Plans to a pitched hand pose above a spur, collision-free against the scanned vine.
+
+    Where no way leads to the target's own orientation of the hand, it is turned about the vertical or tilted.
+    """
     target = goal.target
     ctx.ledger.attempt(target.plant)
-    line = hang_line(ctx.robot, target, goal.stand_off_m)
     with ctx.ledger.step("approach", target.plant), ctx.arm.lease("ApproachSpur") as arm:
         yield from back_off(ctx, arm)  # from where an attempt before has failed
-        yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch=(target.tip, TOUCH_M))
-    return NoResult()
+        try:
+            yield from _move_above(ctx, arm, target, goal.stand_off_m)
+            return ApproachSpurResult(approached=target)
+        except ActionFailed as failure:
+            if failure.reason not in TURN_THE_HAND:
+                raise
+            first = failure
+        for turned in _turned(ctx, target)[: goal.turns]:
+            try:
+                yield from _move_above(ctx, arm, turned, goal.stand_off_m)
+            except ActionFailed as failure:
+                if failure.reason not in TURN_THE_HAND:
+                    raise
+                continue
+            ctx.log.event("recovery", how="turned the hand", why=str(first), plant=target.plant)
+            return ApproachSpurResult(approached=turned)
+        raise first
+
+
+def _move_above(ctx: Context, arm: ArmDriver, target: HangTarget, stand_off: float) -> Generator[Feedback, None, None]:
+    line = hang_line(ctx.robot, target, stand_off)
+    yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch=(target.tip, TOUCH_M))
+
+
+def _turned(ctx: Context, target: HangTarget) -> list[HangTarget]:
+    """The other orientations of the hand in which the arm can do the whole motion, with most room first."""
+    others = [way for way in orientations(target) if (way.pitch, way.azimuth) != (target.pitch, target.azimuth)]
+    margins = margins_of(ctx.robot, others) if others else np.zeros(0)
+    return [others[k] for k in np.argsort(-margins, kind="stable") if margins[k] > 0.0]

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass
-from typing import Literal
 
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
 from grape.actions.obstacles import OBSTACLES
+from grape.messages import Array
 from grape.navigation.route import RouteOptions, park_beside
+from grape.site import Site
+from grape.tasks.dispenser.row import plant_in_base
+from grape.tasks.dispenser.stops import ARM_SIDE_M, Stop, first_stop, next_stop, relative_to
+from grape.tasks.dispenser.targets import recall_spurs
 
-PARKED = "parked"  # in world.committed: (plant, place) of the present stop; in the ledger as well
+PARKED = "parked"  # in world.committed: (plant, ahead_m, beside_m) of the present stop; in the ledger as well
 STANDING = "standing"  # in world.committed after an interruption: the plant beside which the base still stands
-ARM_SIDE_M = 0.335  # base_link to the robot's left side
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,42 +25,58 @@ class DriveToPlantGoal:
 
     Attributes:
         plant: id in the site file.
-        row_distance_m: from the robot's left side to the line of the row.
         speed: m/s.
     """
 
     plant: str
-    row_distance_m: float = 0.62
     speed: float = 0.8
 
 
 @action("DriveToPlant")
 def drive_to_plant(goal: DriveToPlantGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
-    """Drives to a stop beside a plant, the row on the left; called again for the same plant it takes the other stop.
+    """Drives to a stop beside a plant, the row on the left; called again for the same plant it takes another stop.
 
-    After an interruption the base stays where it had stopped. The plant ends up before the arm's base, or, on the
-    second stop, behind it: straight abreast the arm is singular.
+    The first stop is the one from which the arm reaches most of where spurs, or the tip of a nail, usually are. The
+    other one is chosen by the deployment poses that were found at the first. After an interruption the base stays
+    where it had stopped.
     """
     if ctx.world.committed.pop(STANDING, None) == goal.plant:
         yield Feedback(status="still standing there")
         return NoResult()
-    place: Literal["fore", "aft"] = "fore"
-    if ctx.world.committed.get(PARKED) == (goal.plant, "fore"):
-        place = "aft"
+    yield Feedback(status="choosing a stop")
+    stop = yield from ctx.jobs.run(_choose, ctx, goal.plant)
     ctx.world.committed.pop(PARKED, None)
     ctx.world.committed.pop(OBSTACLES, None)  # seen from the last stop, in the frame of that stop
-    route = RouteOptions(lateral=ARM_SIDE_M + goal.row_distance_m)
-    x, y, yaw = (float(v) for v in park_beside(ctx.world.site, goal.plant, place, route))
-    with ctx.ledger.step("drive", goal.plant, moves_base=True, place=place):
+    x, y, yaw = (float(v) for v in stop_pose(ctx.world.site, goal.plant, stop))
+    place = {"ahead_m": stop.ahead_m, "beside_m": stop.beside_m}
+    with ctx.ledger.step("drive", goal.plant, moves_base=True, **place):
         result = yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed), ctx)
-    ctx.ledger.remember(PARKED, [goal.plant, place])
-    ctx.world.committed[PARKED] = (goal.plant, place)
+    ctx.ledger.remember(PARKED, [goal.plant, stop.ahead_m, stop.beside_m])
+    ctx.world.committed[PARKED] = (goal.plant, stop.ahead_m, stop.beside_m)
     ctx.log.event(
         "parked",
         plant=goal.plant,
-        place=place,
+        **place,
         along_m=result.along_m,
         across_m=result.across_m,
         yaw_rad=result.yaw_rad,
     )
     return NoResult()
+
+
+def stop_pose(site: Site, plant: str, stop: Stop) -> Array:
+    """(3,) x y yaw of base_link in map at a stop beside a plant."""
+    route = RouteOptions(lateral=ARM_SIDE_M + stop.beside_m, offset=stop.ahead_m)
+    return park_beside(site, plant, "fore", route)
+
+
+def _choose(ctx: Context, plant: str) -> Stop:
+    """The stop to drive to: another one when the robot stands beside the plant already."""
+    spot = ctx.world.site.plant(plant)
+    what = (spot.kind, spot.height_m, spot.reach_m)
+    parked, *place = ctx.world.committed.get(PARKED) or ("",)
+    if parked != plant:
+        return first_stop(ctx.robot, *what)
+    here = Stop(ahead_m=place[0], beside_m=place[1])
+    found = relative_to(plant_in_base(ctx, plant), recall_spurs(ctx, plant))
+    return next_stop(ctx.robot, here, found, *what)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,9 +20,12 @@ from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
 from grape.tasks.dispenser.perception.depth_view import DepthView
 from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, MergeOptions, extract_poses, merge_poses, rank
 from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, plant_in_base
-from grape.tasks.dispenser.targets import HangTarget, hang_line
+from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, margins_of, orientations
+from grape.tasks.dispenser.targets import TOUCH_M, HangTarget, hang_line, remember_spurs
 
 OWN_HAND = (np.array([-0.13, -0.13, -0.30]), np.array([0.13, 0.13, 0.10]))  # m, corners in the hand's frame
+ALIKE, EASY = 0.2, 0.6  # margins this near are alike; from here on more of it is worth nothing
+OWN_LOOP = (np.array([-0.07, -0.20, -0.33]), np.array([0.07, 0.05, -0.20]))  # of a held dispenser, too
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +47,8 @@ class FindDeploymentPointsGoal:
     half_width_m: float = 0.60
     depth_m: float = 0.36
     height_m: tuple[float, float] = (0.25, 1.3)
-    pitches: tuple[float, ...] = (np.radians(55.0), np.radians(65.0))
-    azimuths: tuple[float, ...] = (0.0, np.radians(25.0), np.radians(-25.0))
+    pitches: tuple[float, ...] = PITCHES
+    azimuths: tuple[float, ...] = AZIMUTHS
     most: int = 5
 
 
@@ -77,10 +80,12 @@ def find_deployment_points(
             {"tip": p.tip, "direction": p.direction, "score": p.score, "diameter": p.diameter_m} for p in poses[:12]
         ],
     )
+    spurs = [_target(goal, found) for found in poses]
+    remember_spurs(ctx, spurs)
     targets: list[HangTarget] = []
-    for k, found in enumerate(poses):
-        yield Feedback(status="checking which spurs can be reached", progress=0.5 + 0.5 * k / len(poses))
-        target = yield from ctx.jobs.run(_reachable, goal, ctx, found)
+    for k, spur in enumerate(spurs):
+        yield Feedback(status="checking which spurs can be reached", progress=0.5 + 0.5 * k / len(spurs))
+        target = yield from ctx.jobs.run(_reachable, goal, ctx, spur)
         if target is not None:
             targets.append(target)
         if len(targets) >= goal.most:
@@ -117,7 +122,7 @@ def vine_box(goal: FindDeploymentPointsGoal, foot: Array) -> Box:
 def look(scan: VineScan, k: int, box: Box) -> Look:
     """Spurs in frame `k` of a scan."""
     image, T_base_camera = scan.images[k], scan.T_base_camera[k]
-    points = transform(T_base_camera, _without_hand(image_to_points(image), scan.T_hand_camera))
+    points = transform(T_base_camera, _without_hand(image_to_points(image), scan))
     view = DepthView(image=image, T_base_camera=T_base_camera)
     poses = extract_poses(points[crop_mask(points, *box)], T_base_camera[None, :3, 3])
     return Look(view=view, points=points, poses=tuple(pose for pose in poses if view.inside(pose)))
@@ -147,26 +152,38 @@ def _places(sweep: Sweep, most: int = 20) -> Array:
     return sweep.origins[:: max(1, len(sweep.origins) // most)] if len(sweep.origins) else np.zeros((1, 3))
 
 
-def _without_hand(points: Array, T_hand_camera: Array) -> Array:
-    """Points (n, 3) of the optical frame that are not the robot's own hand and fingers."""
-    own = crop_mask(transform(T_hand_camera, points), *OWN_HAND)
+def _without_hand(points: Array, scan: VineScan) -> Array:
+    """Points (n, 3) of the optical frame that are not the robot's own hand, fingers and held dispenser."""
+    in_hand = transform(scan.T_hand_camera, points)
+    own = crop_mask(in_hand, *OWN_HAND)
+    if scan.holding:
+        own |= crop_mask(in_hand, *OWN_LOOP)
     return points[~own]
 
 
-def _reachable(goal: FindDeploymentPointsGoal, ctx: Context, found: DeploymentPose) -> HangTarget | None:
-    """The spur as a target with the first hand orientation that reaches it, None when none does."""
-    target = HangTarget(
+def _target(goal: FindDeploymentPointsGoal, found: DeploymentPose) -> HangTarget:
+    """The spur as a target with the first hand orientation."""
+    return HangTarget(
         plant=goal.plant,
         kind="spur",
         tip=found.tip,
         direction=found.direction,
         pitch=goal.pitches[0],
+        azimuth=goal.azimuths[0],
         diameter=found.diameter_m,
         score=found.score,
     )
-    for pitch in goal.pitches:
-        for azimuth in goal.azimuths:
-            candidate = replace(target, pitch=pitch, azimuth=azimuth)
-            if find_postures(ctx, hang_line(ctx.robot, candidate, 0.10), touch=(candidate.tip, 0.12), holding=True):
-                return candidate
+
+
+def _reachable(goal: FindDeploymentPointsGoal, ctx: Context, spur: HangTarget) -> HangTarget | None:
+    """The target with the hand orientation that has most room to move and touches nothing, None when none has."""
+    ways = orientations(spur, goal.pitches, goal.azimuths)
+    margins = margins_of(ctx.robot, ways)
+    # Stable: of ways with about the same margin the one that comes first is taken.
+    for k in np.argsort(-np.minimum(np.round(margins / ALIKE), round(EASY / ALIKE)), kind="stable"):
+        way = ways[k]
+        if margins[k] > 0.0 and find_postures(
+            ctx, hang_line(ctx.robot, way, SPUR_STAND_OFF_M), touch=(way.tip, TOUCH_M), holding=True
+        ):
+            return way
     return None

@@ -55,12 +55,16 @@ class ScanVineGoal:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class VineScan:
-    """What a sweep saw, in base_link: LiDAR returns, and depth frames with the camera's poses and its mount."""
+    """What a sweep saw, in base_link: LiDAR returns, and depth frames with the camera's poses and its mount.
+
+    `holding` tells whether a dispenser was in the hand, and so in the pictures.
+    """
 
     sweep: Sweep
     images: tuple[RgbdImage, ...]
     T_base_camera: tuple[Array, ...]
     T_hand_camera: Array
+    holding: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -188,5 +192,9 @@ class _Collector:
         cameras = tuple(frames.lookup("base_link", "camera_optical", image.stamp) for image in self._images)
         remember_views(self._ctx, cameras, self._joints)
         return VineScan(
-            sweep=sweep, images=tuple(self._images), T_base_camera=cameras, T_hand_camera=camera_mount(self._ctx)
+            sweep=sweep,
+            images=tuple(self._images),
+            T_base_camera=cameras,
+            T_hand_camera=camera_mount(self._ctx),
+            holding=self._ctx.ledger.dispensers().get("hand", 0) > 0,
         )

@@ -168,7 +168,7 @@ def test_a_dispenser_that_was_carried_and_is_gone_is_lost(bench: Bench) -> None:
 def test_what_was_known_of_the_stop_is_known_again(bench: Bench, task: SimpleNamespace) -> None:
     target = task.spur_target(bench)
     cloud = np.array([[0.4, 0.9, 0.5], [0.5, 0.9, 0.5]])
-    bench.ledger.remember("parked", ["v0", "aft"])
+    bench.ledger.remember("parked", ["v0", 0.1, 0.55])
     bench.ledger.remember(JOINT_OFFSETS, [0.01, 0.0, -0.02, 0.0, 0.0, 0.0])
     bench.ledger.remember(OBSTACLES, cloud.astype(np.float32).tobytes())
     bench.run(next_target(NextTargetGoal(plant="v0", targets=(target, target)), bench.ctx))

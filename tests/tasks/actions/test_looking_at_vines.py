@@ -18,6 +18,8 @@ from grape.tasks.dispenser.actions.find_deployment_points import (
     vine_box,
 )
 from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, VineScan, scan_vine, sweep_path
+from grape.tasks.dispenser.stops import margins_of, orientations
+from grape.tasks.dispenser.targets import HangTarget, remember_spurs
 
 SHORT = ScanVineGoal(plant="n0", half_length_m=0.10, return_pitch=0.0)
 
@@ -29,27 +31,46 @@ def park_at(bench: Bench, plant: str) -> None:
     bench.advance()
 
 
-def test_robot_parks_with_the_plant_fore_of_the_arm(bench: Bench) -> None:
+def stands(bench: Bench, plant: str) -> tuple[float, float]:
+    """How far the plant is before the arm's base, and the row from the robot's left side."""
+    x, y, _ = transform(np.linalg.inv(bench.base.T_map_base), np.array([*bench.site.plant(plant).position, 0.0]))
+    return x - 0.25, y - 0.335
+
+
+def test_robot_parks_where_the_arm_reaches_the_nail_with_room_to_spare(bench: Bench) -> None:
     bench.base.pose = np.array([-1.0, -0.955, 0.0])
     bench.advance(20)
     bench.world.committed[OBSTACLES] = "of the stop before"
     bench.run(drive_to_plant(DriveToPlantGoal(plant="n0"), bench.ctx))
-    place = transform(np.linalg.inv(bench.base.T_map_base), np.array([*bench.site.plant("n0").position, 0.0]))
-    assert place[0] - 0.25 == pytest.approx(0.22, abs=0.03)
-    assert place[1] - 0.335 == pytest.approx(0.62, abs=0.03)
-    assert bench.world.committed == {PARKED: ("n0", "fore")}, "what was seen from the last stop is forgotten"
+    assert stands(bench, "n0") == pytest.approx((0.30, 0.62), abs=0.03), "abreast of the arm a level hand is singular"
+    assert bench.world.committed == {PARKED: ("n0", 0.30, 0.62)}, "what was seen from the last stop is forgotten"
     assert bench.ctx.base.owner is None and (bench.base.v, bench.base.w) == (0.0, 0.0)
 
 
-def test_called_again_it_takes_the_other_stop(bench: Bench) -> None:
-    bench.world.committed[PARKED] = ("n0", "fore")
+def test_called_again_it_takes_another_stop(bench: Bench) -> None:
+    bench.world.committed[PARKED] = ("n0", 0.30, 0.62)
     bench.run(drive_to_plant(DriveToPlantGoal(plant="n0"), bench.ctx))
-    assert bench.world.committed[PARKED] == ("n0", "aft")
-    assert bench.site.plant("n0").position[0] - bench.base.pose[0] == pytest.approx(0.25 - 0.22, abs=0.03)
+    assert bench.world.committed[PARKED][:2] == ("n0", -0.30)
+    assert stands(bench, "n0")[0] == pytest.approx(-0.30, abs=0.03)
+
+
+def test_the_other_stop_is_chosen_by_the_spurs_that_were_found(bench: Bench) -> None:
+    park_at(bench, "v0")
+    bench.world.committed[PARKED] = ("v0", 0.22, 0.62)
+    far = HangTarget(
+        plant="v0", kind="spur", tip=np.array([1.05, 0.955, 0.75]), direction=np.array([0.0, 0.0, 1.0]), pitch=1.0
+    )
+    remember_spurs(bench.ctx, [far])
+    assert margins_of(bench.robot, orientations(far)).max() == 0.0
+    tip = transform(bench.base.T_map_base, far.tip)
+    bench.run(drive_to_plant(DriveToPlantGoal(plant="v0"), bench.ctx))
+    tip = transform(np.linalg.inv(bench.base.T_map_base), tip)
+    assert abs(tip[0] - 0.25) < 0.25, "it drove up to the spur"
+    assert bench.ledger.recall("spurs") is None, "they hold for the stop before alone"
 
 
 def test_a_drive_that_fails_leaves_no_stop_behind(bench: Bench) -> None:
-    bench.world.committed[PARKED] = ("n0", "fore")
+    bench.world.committed[PARKED] = ("n0", 0.30, 0.62)
     bench.scanners["front_laser"].silent = True
     assert bench.failure(drive_to_plant(DriveToPlantGoal(plant="v0"), bench.ctx)).reason is Reason.STALE_DATA
     assert PARKED not in bench.world.committed
