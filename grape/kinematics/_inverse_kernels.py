@@ -13,7 +13,7 @@ def solve(placements, axes, low, high, T_target, q, iterations, position_toleran
     T, J, error = np.empty((4, 4)), np.empty((6, n)), np.empty(6)
     A = np.empty((6, 6))
     for iteration in range(iterations + 1):
-        _forward(placements, axes, q, T, J)
+        forward(placements, axes, q, T, J)
         _pose_error(T_target, T, error)
         distance = np.sqrt(error[0] ** 2 + error[1] ** 2 + error[2] ** 2)
         angle = np.sqrt(error[3] ** 2 + error[4] ** 2 + error[5] ** 2)
@@ -42,7 +42,7 @@ def solve(placements, axes, low, high, T_target, q, iterations, position_toleran
 
 
 @njit(cache=True)
-def _forward(placements, axes, q, T, J):
+def forward(placements, axes, q, T, J):
     """Fills the hand's pose T (4, 4) and its Jacobian J (6, n), linear rows first, both along the base axes."""
     n = len(q)
     R, p = np.eye(3), np.zeros(3)
