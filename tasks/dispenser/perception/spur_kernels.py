@@ -114,28 +114,26 @@ def extent(count, widths):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def main_axis(points, member, guess):  # type: ignore[no-untyped-def]
     """Mean and main axis (3,) of the member points, the axis by power iteration from a guess that points along it."""
-    mean, n = np.zeros(3), 0
+    x, y, z, n = 0.0, 0.0, 0.0, 0
     for i in range(len(points)):
         if member[i]:
             n += 1
-            for k in range(3):
-                mean[k] += points[i, k]
-    mean /= n
-    spread = np.zeros((3, 3))
+            x, y, z = x + points[i, 0], y + points[i, 1], z + points[i, 2]
+    x, y, z = x / n, y / n, z / n
+    xx, xy, xz, yy, yz, zz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(points)):
         if member[i]:
-            for k in range(3):
-                for m in range(3):
-                    spread[k, m] += (points[i, k] - mean[k]) * (points[i, m] - mean[m])
-    axis = guess.copy()
+            a, b, c = points[i, 0] - x, points[i, 1] - y, points[i, 2] - z
+            xx, xy, xz, yy, yz, zz = xx + a * a, xy + a * b, xz + a * c, yy + b * b, yz + b * c, zz + c * c
+    a, b, c = guess[0], guess[1], guess[2]
     for _ in range(50):
-        turned = np.empty(3)
-        for k in range(3):
-            turned[k] = dot(spread[k], axis)
-        axis = turned / math.sqrt(max(dot(turned, turned), 1e-300))
+        u, v, w = xx * a + xy * b + xz * c, xy * a + yy * b + yz * c, xz * a + yz * b + zz * c
+        length = math.sqrt(max(u * u + v * v + w * w, 1e-300))
+        a, b, c = u / length, v / length, w / length
+    axis = np.array([a, b, c])
     if dot(axis, guess) < 0:
         axis = -axis
-    return mean, axis
+    return np.array([x, y, z]), axis
 
 
 @njit(cache=True)
@@ -154,16 +152,17 @@ def grow(points, tip, direction, view, lateral_m, depth_m, wide_m, iterations): 
     n = len(points)
     result = np.zeros((3, 3))
     member, box, none = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
-    bins, lateral, away = np.zeros(n, np.int64), np.zeros(n), np.zeros(3)
+    bins, lateral = np.zeros(n, np.int64), np.zeros(n)
     centre = tip - 0.03 * direction
     for _ in range(iterations):
         lateral_axis, depth_axis = lateral_frame(direction, view)
         count = np.zeros(BINS)
+        (ax, ay, az), (lx, ly, lz), (dx, dy, dz) = direction, lateral_axis, depth_axis
+        cx, cy, cz = centre
         for i in range(n):
-            for k in range(3):
-                away[k] = points[i, k] - centre[k]
-            bins[i] = math.floor((dot(away, direction) + BACK_M) / BIN_M)
-            lateral[i], depth = dot(away, lateral_axis), abs(dot(away, depth_axis))
+            x, y, z = points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz
+            bins[i] = math.floor((x * ax + y * ay + z * az + BACK_M) / BIN_M)
+            lateral[i], depth = x * lx + y * ly + z * lz, abs(x * dx + y * dy + z * dz)
             ranged = bins[i] >= 0 and bins[i] < BINS
             member[i] = ranged and abs(lateral[i]) < lateral_m and depth < depth_m
             box[i] = ranged and abs(lateral[i]) < wide_m and depth < 1.5 * depth_m
@@ -180,7 +179,7 @@ def grow(points, tip, direction, view, lateral_m, depth_m, wide_m, iterations): 
         position, filled, origin = np.empty(total), 0, dot(mean, axis)
         for i in range(n):
             if member[i]:
-                position[filled] = dot(points[i], axis) - origin
+                position[filled] = points[i, 0] * axis[0] + points[i, 1] * axis[1] + points[i, 2] * axis[2] - origin
                 filled += 1
         position.sort()
         result[0] = mean + axis * position[min(int(0.995 * total), total - 1)]
