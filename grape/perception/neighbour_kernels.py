@@ -95,11 +95,13 @@ def nearest(points, radius_m, neighbours):  # type: ignore[no-untyped-def]
     squares, rows = np.empty(neighbours), np.empty(neighbours, np.int64)
     gaps = np.zeros((3, 3))  # squared distance of the point to the cells behind, its own and ahead, along each axis
     done = np.zeros(n, np.bool_)
-    near, places, ends = np.empty(n, np.int64), np.empty((n, 3)), np.empty(28, np.int64)
+    near, places, cells = np.empty(n, np.int64), np.empty((n, 3)), np.empty((27, 4), np.int64)
     for first in range(n):
         if done[first]:
             continue
-        _gather(points, order, keys, start, keys[first], near, places, ends)  # once for all points of the cell
+        filled_cells = _gather(
+            points, order, keys, start, keys[first], near, places, cells
+        )  # once for all points of the cell
         for at in range(first, start[_slot(keys[first], size) + 1]):
             if keys[at] != keys[first]:
                 continue
@@ -110,11 +112,13 @@ def nearest(points, radius_m, neighbours):  # type: ignore[no-untyped-def]
             for k in range(3):
                 inside = points[i, k] - math.floor(points[i, k] / radius_m) * radius_m
                 gaps[k, 0], gaps[k, 2] = inside * inside, (radius_m - inside) * (radius_m - inside)
-            for turn in range(27):
-                c = _NEAREST_FIRST[turn]
-                if gaps[0, c // 9] + gaps[1, c // 3 % 3] + gaps[2, c % 3] > limit:
+            begin = 0
+            for c in range(filled_cells):
+                end = cells[c, 3]
+                if gaps[0, cells[c, 0]] + gaps[1, cells[c, 1]] + gaps[2, cells[c, 2]] > limit:
+                    begin = end
                     continue
-                for k in range(ends[turn], ends[turn + 1]):
+                for k in range(begin, end):
                     x, y, z = places[k, 0] - px, places[k, 1] - py, places[k, 2] - pz
                     square = x * x + y * y + z * z
                     if square > limit or near[k] == i:
@@ -127,22 +131,33 @@ def nearest(points, radius_m, neighbours):  # type: ignore[no-untyped-def]
                     filled = min(filled + 1, neighbours)
                     if filled == neighbours:
                         limit = squares[neighbours - 1]
+                begin = end
             for k in range(filled):
                 index[i, k], distance[i, k] = rows[k], math.sqrt(squares[k])
     return index, distance
 
 
 @njit(cache=True)
-def _gather(points, order, keys, start, key, near, places, ends):  # type: ignore[no-untyped-def]
-    """Fills in the points of the 27 cells about the cell `key`, nearest first: indices, places, and where each ends."""
-    filled, size, ends[0] = 0, len(start) - 1, 0
-    for turn in range(27):
-        other = _near_cell(key, _NEAREST_FIRST[turn])
-        slot = _slot(other, size)
+def _gather(points, order, keys, start, key, near, places, cells):  # type: ignore[no-untyped-def]
+    """Fills in the points of the 27 cells about the cell `key`, nearest first.
+
+    Args: near, places: index and place of each point; cells: of each cell that is not empty 0, 1 or 2 along each axis,
+        and where its points end.
+
+    Returns:
+        How many cells are not empty.
+    """
+    filled, count, size = 0, 0, len(start) - 1
+    for c in _NEAREST_FIRST:
+        other = _near_cell(key, c)
+        slot, before = _slot(other, size), filled
         for k in range(start[slot], start[slot + 1]):
             if keys[k] == other:
                 i = order[k]
                 near[filled] = i
                 places[filled, 0], places[filled, 1], places[filled, 2] = points[i, 0], points[i, 1], points[i, 2]
                 filled += 1
-        ends[turn + 1] = filled
+        if filled > before:
+            cells[count, 0], cells[count, 1], cells[count, 2], cells[count, 3] = c // 9, c // 3 % 3, c % 3, filled
+            count += 1
+    return count

@@ -44,6 +44,20 @@ def middle(values, n):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def put_in_order(values):  # type: ignore[no-untyped-def]
+    """Sorts (n,) in place; by insertion, which is quicker than numba's sort up to some hundred values."""
+    if len(values) > 200:
+        values.sort()
+        return
+    for i in range(1, len(values)):
+        value, at = values[i], i
+        while at > 0 and values[at - 1] > value:
+            values[at] = values[at - 1]
+            at -= 1
+        values[at] = value
+
+
+@njit(cache=True)
 def bin_widths(lateral, bins, inside):  # type: ignore[no-untyped-def]
     """(BINS,) width of the points `inside` of each bin: 2.2 times the 85th percentile about their median."""
     widths = np.zeros(BINS)
@@ -63,11 +77,13 @@ def bin_widths(lateral, bins, inside):  # type: ignore[no-untyped-def]
     for b in range(BINS):
         n = count[b]
         if n >= 4:
-            values = np.sort(grouped[start[b] : start[b + 1]])
+            values = grouped[start[b] : start[b + 1]]
+            put_in_order(values)
             centre = values[n // 2]
             for i in range(n):
                 values[i] = abs(values[i] - centre)
-            widths[b] = 2.2 * np.sort(values)[min(int(0.85 * n), n - 1)]
+            put_in_order(values)
+            widths[b] = 2.2 * values[min(int(0.85 * n), n - 1)]
     return widths
 
 
@@ -153,7 +169,7 @@ def grow(points, tip, direction, view, lateral_m, depth_m, wide_m, iterations): 
     result = np.zeros((3, 3))
     member, box, none = np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
     bins, lateral = np.zeros(n, np.int64), np.zeros(n)
-    centre = tip - 0.03 * direction
+    centre, widest = tip - 0.03 * direction, max(lateral_m, wide_m)
     for _ in range(iterations):
         lateral_axis, depth_axis = lateral_frame(direction, view)
         count = np.zeros(BINS)
@@ -161,11 +177,15 @@ def grow(points, tip, direction, view, lateral_m, depth_m, wide_m, iterations): 
         cx, cy, cz = centre
         for i in range(n):
             x, y, z = points[i, 0] - cx, points[i, 1] - cy, points[i, 2] - cz
-            bins[i] = math.floor((x * ax + y * ay + z * az + BACK_M) / BIN_M)
+            member[i] = box[i] = False
             lateral[i], depth = x * lx + y * ly + z * lz, abs(x * dx + y * dy + z * dz)
-            ranged = bins[i] >= 0 and bins[i] < BINS
-            member[i] = ranged and abs(lateral[i]) < lateral_m and depth < depth_m
-            box[i] = ranged and abs(lateral[i]) < wide_m and depth < 1.5 * depth_m
+            if abs(lateral[i]) >= widest or depth >= 1.5 * depth_m:
+                continue
+            bins[i] = math.floor((x * ax + y * ay + z * az + BACK_M) / BIN_M)
+            if bins[i] < 0 or bins[i] >= BINS:
+                continue
+            box[i] = abs(lateral[i]) < wide_m
+            member[i] = abs(lateral[i]) < lateral_m and depth < depth_m
             if member[i]:
                 count[bins[i]] += 1
         bottom, top = extent(count, bin_widths(lateral, bins, box))
