@@ -8,12 +8,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache, cached_property
+from math import isfinite
+from types import ModuleType
 
 import numpy as np
 
 from grape.errors import InvalidInput
 from grape.kinematics import ROTATION_WEIGHT, ArmModel
 from grape.messages import Array, frozen_array
+
+
+@cache
+def _kernels() -> ModuleType:
+    """The compiled kernels, imported when they are first used."""
+    from grape.control import _kernels
+
+    return _kernels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,55 +125,54 @@ class DifferentialIk:
         Raises:
             InvalidInput: the twist is not six finite numbers.
         """
-        wish, scale = self._capped(twist)
-        J = self.arm.jacobian(q)
-        velocity, sigma = damped_inverse(J, wish, self.options.damping_sigma)
-        held = self._into_limits(np.asarray(q, float), velocity)
-        if held.any():  # once more with the free joints only
-            reduced = J.copy()
-            reduced[:, held] = 0.0
-            velocity, _ = damped_inverse(reduced, wish, self.options.damping_sigma)
-            held |= self._into_limits(np.asarray(q, float), velocity)
-            velocity[held] = 0.0
-        excess = 1.0 if self.velocity_max is None else max(1.0, float((np.abs(velocity) / self.velocity_max).max()))
-        share, hindrance = self._free_share(np.asarray(q, float), velocity / excess, sigma)
+        twist = np.asarray(twist, dtype=float)
+        if twist.shape != (6,) or not isfinite(twist.sum()):
+            raise InvalidInput(f"a twist must be six finite numbers (m/s, rad/s), got {twist}")
+        q = self.arm.checked(q)
+        velocity, scale, sigma, sigma_ahead, held = _kernels().joint_velocities(
+            q, twist, self.arm.placements, self.arm.axes, *self._settings
+        )
+        share, hindrance = self._free_share(q, velocity, sigma, sigma_ahead)
         return JointVelocityCommand(
-            velocity=velocity * share / excess,
-            scale=scale * share / excess,
+            velocity=velocity * share,
+            scale=scale * share,
             sigma_min=sigma,
-            held_joints=tuple(int(i) for i in np.flatnonzero(held)),
+            held_joints=tuple(held.nonzero()[0].tolist()),
             hindrance=hindrance,
         )
 
-    def _capped(self, twist: Array) -> tuple[Array, float]:
-        twist = np.asarray(twist, dtype=float)
-        if twist.shape != (6,) or not np.isfinite(twist).all():
-            raise InvalidInput(f"a twist must be six finite numbers (m/s, rad/s), got {twist}")
-        linear, angular = float(np.linalg.norm(twist[:3])), float(np.linalg.norm(twist[3:]))
-        scale = 1.0 / max(1.0, linear / self.options.linear_max, angular / self.options.angular_max)
-        return twist * scale, scale
+    @cached_property
+    def _settings(self) -> tuple[Array, Array]:
+        """Bounds (3, n) and options (7,) as the kernel takes them."""
+        arm, options = self.arm, self.options
+        speed = np.full(arm.dof, np.inf) if self.velocity_max is None else self.velocity_max
+        return np.array([arm.position_min, arm.position_max, speed]), np.array(
+            [
+                options.damping_sigma,
+                options.sigma_slow,
+                options.linear_max,
+                options.angular_max,
+                options.limit_margin_rad,
+                options.look_ahead_s,
+                ROTATION_WEIGHT,
+            ]
+        )
 
-    def _into_limits(self, q: Array, velocity: Array) -> Array:
-        margin = self.options.limit_margin_rad
-        low = (q < self.arm.position_min + margin) & (velocity < 0)
-        high = (q > self.arm.position_max - margin) & (velocity > 0)
-        return low | high
-
-    def _free_share(self, q: Array, velocity: Array, sigma: float) -> tuple[float, str]:
+    def _free_share(self, q: Array, velocity: Array, sigma: float, sigma_ahead: float) -> tuple[float, str]:
         """0..1: how much of the speed singularity and clearance allow, and which of them allows less than all."""
         if not velocity.any():
             return 1.0, ""
-        options, q_ahead = self.options, q + self.options.look_ahead_s * velocity
-        shares = {"singularity": 1.0, "obstacle": 1.0}
-        if sigma < options.sigma_slow and (ahead := self.arm.sigma_min(q_ahead)) < sigma:
-            shares["singularity"] = (ahead - options.sigma_stop) / (options.sigma_slow - options.sigma_stop)
+        options, share, hindrance = self.options, 1.0, ""
+        if sigma_ahead < sigma < options.sigma_slow:
+            share = (sigma_ahead - options.sigma_stop) / (options.sigma_slow - options.sigma_stop)
+            hindrance = "singularity"
         if self.clearance is not None:
-            gap = self.clearance(q_ahead)
+            gap = self.clearance(q + options.look_ahead_s * velocity)
             if gap < options.clearance_slow_m and gap <= self.clearance(q) + 1e-6:
-                band = options.clearance_slow_m - options.clearance_stop_m
-                shares["obstacle"] = (gap - options.clearance_stop_m) / band
-        hindrance = min(shares, key=lambda name: shares[name])
-        share = float(np.clip(shares[hindrance], 0.0, 1.0))
+                left = (gap - options.clearance_stop_m) / (options.clearance_slow_m - options.clearance_stop_m)
+                if left < share:
+                    share, hindrance = left, "obstacle"
+        share = min(max(share, 0.0), 1.0)
         return share, hindrance if share < 1.0 else ""
 
 
@@ -171,16 +181,11 @@ def damped_inverse(J: Array, twist: Array, damping_sigma: float) -> tuple[Array,
 
     Below `damping_sigma` the squared damping grows from 0 to `damping_sigma`^2.
     """
-    weight = np.array([1.0, 1.0, 1.0, ROTATION_WEIGHT, ROTATION_WEIGHT, ROTATION_WEIGHT])
-    U, sigma, Vt = np.linalg.svd(weight[:, None] * J, full_matrices=False)
-    smallest = float(sigma[-1])
-    damping = max(damping_sigma**2 - smallest**2, 0.0)
-    gains = sigma / np.maximum(sigma**2 + damping, 1e-12)
-    return Vt.T @ (gains * (U.T @ (weight * twist))), smallest
+    return _kernels().damped_inverse(np.ascontiguousarray(J), twist, damping_sigma, ROTATION_WEIGHT)
 
 
 def shift_twist(twist: Array, p_from: Array, p_to: Array) -> Array:
     """The twist (6,) of a rigid body at another of its points; both points (3,) m, along the twist's axes."""
-    shifted = np.array(twist, dtype=float)
-    shifted[:3] += np.cross(shifted[3:], np.asarray(p_to) - np.asarray(p_from))
-    return shifted
+    vx, vy, vz, wx, wy, wz = np.asarray(twist, dtype=float).tolist()
+    dx, dy, dz = (np.asarray(p_to) - np.asarray(p_from)).tolist()
+    return np.array([vx + wy * dz - wz * dy, vy + wz * dx - wx * dz, vz + wx * dy - wy * dx, wx, wy, wz])

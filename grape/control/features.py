@@ -6,6 +6,7 @@ Source: Chaumette and Hutchinson, Visual servo control, part I, 2006.
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import exp
 
 import numpy as np
 
@@ -43,18 +44,15 @@ def square_depths(xy: Array, side: float) -> Array:
 
 def interaction_matrix(xy: Array, depth: Array) -> Array:
     """(2 n, 6): how normalised points (n, 2) at depths (n,) m move with the camera's twist (optical frame)."""
-    x, y, iz = xy[:, 0], xy[:, 1], 1.0 / depth
-    L = np.zeros((len(xy), 2, 6))
-    L[:, 0, 0] = L[:, 1, 1] = -iz
-    L[:, 0, 2], L[:, 0, 3], L[:, 0, 4], L[:, 0, 5] = x * iz, x * y, -(1 + x * x), y
-    L[:, 1, 2], L[:, 1, 3], L[:, 1, 4], L[:, 1, 5] = y * iz, 1 + y * y, -x * y, -x
-    return L.reshape(-1, 6)
+    from grape.control import _kernels
+
+    return _kernels.interaction_matrix(xy, depth)
 
 
 def adaptive_gain(error: float, at_zero: float, at_infinity: float, slope: float) -> float:
     """1/s: high for small errors and low for large ones; `slope` is that at zero error."""
     span = at_zero - at_infinity
-    return span * float(np.exp(-slope / max(span, 1e-9) * error)) + at_infinity
+    return span * exp(-slope / max(span, 1e-9) * error) + at_infinity
 
 
 def view_velocity(T_camera_marker: Callable[[float], Array], standoff: float, speed: float) -> Array:

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from math import exp
 
 import numpy as np
 
 from grape.control.features import (
     adaptive_gain,
-    interaction_matrix,
     marker_corners,
     normalise,
     project,
@@ -21,7 +21,7 @@ from grape.control.features import (
 )
 from grape.control.servo_run import FeatureWatch, ServoStage, StageGate, descent
 from grape.errors import InvalidInput
-from grape.geometry import inverse, transform
+from grape.geometry import transform
 from grape.messages import Array
 
 DesiredView = Callable[[float], Array]  # stand-off (m) -> T_camera_marker (4, 4) to be seen there
@@ -194,26 +194,23 @@ class MarkerServo:
         wish = self._servo_twist(T_base_camera, speed)
         if self._markers_changed:  # start from what was commanded last and let the difference fade
             self._jump, self._jump_time, self._markers_changed = self._command - wish, now, False
-        self._command = share * (wish + self._jump * np.exp(-self.options.switch_rate * (now - self._jump_time)))
+        self._command = share * (wish + self._jump * exp(-self.options.switch_rate * (now - self._jump_time)))
         return self._command.copy()
 
     def _servo_twist(self, T_base_camera: Array, speed: float) -> Array:
         """-gain L^+ (s - s*) plus the motion of s*, turned into the base axes."""
-        standoff = self.state.standoff_m
-        points = transform(inverse(T_base_camera), np.concatenate([*self._corners.values()]))
-        desired = np.concatenate([transform(self._targets[i](standoff), self._square) for i in self._corners])
-        xy, xy_desired = project(points), project(desired)
-        error = (xy - xy_desired).ravel()
-        L = interaction_matrix(0.5 * (xy + xy_desired), 0.5 * (points[:, 2] + desired[:, 2]))
-        options = self.options
-        gain = adaptive_gain(
-            float(np.abs(error).max()), options.gain_at_zero, options.gain_at_infinity, options.gain_slope
-        )
-        v_camera = -gain * np.linalg.solve(L.T @ L + 1e-9 * np.eye(6), L.T @ error)
+        from grape.control._kernels import feature_twist
+
+        standoff, options = self.state.standoff_m, self.options
+        corners = np.concatenate(list(self._corners.values()))
+        views = np.array([self._targets[i](standoff) for i in self._corners])
+        twist, error = feature_twist(np.ascontiguousarray(T_base_camera), corners, views, self._square)
+        twist *= adaptive_gain(error, options.gain_at_zero, options.gain_at_infinity, options.gain_slope)
         if speed > 0.0:
-            v_camera = v_camera + view_velocity(self._targets[next(iter(self._corners))], standoff, speed)
-        R = T_base_camera[:3, :3]
-        return np.r_[R @ v_camera[:3], R @ v_camera[3:]]
+            v_camera = view_velocity(self._targets[next(iter(self._corners))], standoff, speed)
+            R = T_base_camera[:3, :3]
+            twist += np.concatenate([R @ v_camera[:3], R @ v_camera[3:]])
+        return twist
 
     def _descend(self, dt: float, share: float) -> float:
         """Shrink the stand-off; returns its speed (m/s)."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-
-import numpy as np
+from math import isnan
 
 from grape.errors import ActionFailed, Reason
 
@@ -38,7 +37,7 @@ class FeatureWatch:
     @property
     def ever_seen(self) -> bool:
         """Whether any frame has shown the features."""
-        return not np.isnan(self._last_seen)
+        return not isnan(self._last_seen)
 
     def frame(self, stamp: float) -> bool:
         """A frame taken at `stamp` has come; false when it is not newer than the last one."""
@@ -56,7 +55,7 @@ class FeatureWatch:
         """Seconds since the last command, for which a command is made now; 0 the first time."""
         self._begin(now)
         last, self._last_command = self._last_command, now
-        return 0.0 if np.isnan(last) else float(np.clip(now - last, 0.0, BEAT_MAX_S))
+        return 0.0 if isnan(last) else min(max(now - last, 0.0), BEAT_MAX_S)
 
     def share(self, now: float, *, blind: bool = False) -> float:
         """1 while features are fresh, falling to 0 when they are not.
@@ -67,7 +66,7 @@ class FeatureWatch:
         Raises:
             ActionFailed: STALE_DATA when no frame came for too long, FEATURE_LOST when none showed the features.
         """
-        since_frame = now - (self._first if np.isnan(self._last_frame) else self._last_frame)
+        since_frame = now - (self._first if isnan(self._last_frame) else self._last_frame)
         since_seen = now - (self._last_seen if self.ever_seen else self._first)
         if since_frame > self._lost_s:
             raise ActionFailed(Reason.STALE_DATA, f"no camera frame for {since_frame:.1f} s")
@@ -78,10 +77,10 @@ class FeatureWatch:
         if not self.ever_seen:
             return 0.0
         fade_from, fade_to = self._fade
-        return float(np.clip((fade_to - since_seen) / (fade_to - fade_from), 0.0, 1.0))
+        return min(max((fade_to - since_seen) / (fade_to - fade_from), 0.0), 1.0)
 
     def _begin(self, now: float) -> None:
-        if np.isnan(self._first):
+        if isnan(self._first):
             self._first = now
 
 
@@ -121,4 +120,4 @@ class StageGate:
 
 def descent(standoff_m: float, speed: float, slow_m: float) -> float:
     """m/s at which a stand-off shrinks: `speed`, and from `slow_m` on less, down to two fifths of it."""
-    return speed * float(np.clip(standoff_m / slow_m, 0.4, 1.0)) if standoff_m > 0.0 else 0.0
+    return speed * min(max(standoff_m / slow_m, 0.4), 1.0) if standoff_m > 0.0 else 0.0

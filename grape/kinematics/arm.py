@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -42,12 +43,12 @@ class ArmModel:
 
     def fk(self, q: Array) -> Array:
         """Pose `T_base_hand` (4, 4) for joint angles q (n,) rad."""
-        pin.forwardKinematics(self._model, self._data, self._checked(q))
+        pin.forwardKinematics(self._model, self._data, self.checked(q))
         return np.asarray(self._data.oMi[self.dof].homogeneous)
 
     def link_poses(self, q: Array) -> Array:
         """Poses (n, 4, 4) of every link in the base frame, root first; the last one is the hand."""
-        pin.forwardKinematics(self._model, self._data, self._checked(q))
+        pin.forwardKinematics(self._model, self._data, self.checked(q))
         return np.array([self._data.oMi[i + 1].homogeneous for i in range(self.dof)])
 
     def frame_poses(self, q: Array) -> dict[str, Array]:
@@ -56,7 +57,7 @@ class ArmModel:
 
     def jacobian(self, q: Array) -> Array:
         """Jacobian (6, n) of the hand's origin: linear rows first, then angular, both along the base axes."""
-        pin.computeJointJacobians(self._model, self._data, self._checked(q))
+        pin.computeJointJacobians(self._model, self._data, self.checked(q))
         return np.asarray(
             pin.getJointJacobian(self._model, self._data, self.dof, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
         )
@@ -75,11 +76,11 @@ class ArmModel:
     def gravity_torque(self, q: Array, gravity: Array | tuple[float, float, float] = (0.0, 0.0, -9.81)) -> Array:
         """Torques (n,) N m that hold the arm still; `gravity` (3,) m/s^2 in the base frame (tilted with the base)."""
         self._model.gravity.linear = np.asarray(gravity, float)
-        return np.array(pin.computeGeneralizedGravity(self._model, self._data, self._checked(q)))
+        return np.array(pin.computeGeneralizedGravity(self._model, self._data, self.checked(q)))
 
     def limit_distance(self, q: Array) -> float:
         """Distance (rad) to the nearest joint limit, negative beyond it; inf when every joint is continuous."""
-        q = self._checked(q)
+        q = self.checked(q)
         return float(np.min(np.minimum(q - self.position_min, self.position_max - q)))
 
     def within_limits(self, q: Array) -> bool:
@@ -91,9 +92,14 @@ class ArmModel:
         turns = np.round((np.asarray(reference) - q) / (2 * np.pi))
         return np.where(np.isinf(self.position_min), q + 2 * np.pi * turns, q)
 
-    def _checked(self, q: Array) -> Array:
+    def checked(self, q: Array) -> Array:
+        """Joint angles (n,) rad as floats.
+
+        Raises:
+            InvalidInput: another shape, or not finite.
+        """
         q = np.asarray(q, dtype=float)
-        if q.shape != (self.dof,) or not np.isfinite(q).all():
+        if q.shape != (self.dof,) or not isfinite(q.sum()):
             raise InvalidInput(f"joint angles must be {self.dof} finite numbers in rad, got {q}")
         return q
 

@@ -111,7 +111,7 @@ def voxel_grid(points: Array, voxel_m: float, min_points: int = 1) -> Array:
         return points.copy()
     from grape.perception.voxel_kernel import accumulate
 
-    sums, counts = accumulate(np.floor(points / voxel_m).astype(np.int64), points)
+    sums, counts = accumulate(np.ascontiguousarray(points), float(voxel_m))
     keep = counts >= min_points
     return sums[keep] / counts[keep, None]
 

@@ -89,36 +89,75 @@ def crowded(points, radius_m, neighbours):  # type: ignore[no-untyped-def]
 def nearest(points, radius_m, neighbours):  # type: ignore[no-untyped-def]
     """Indices (n, k) of the nearest other points within a radius, -1 where there are fewer, and distances (n, k)."""
     order, keys, start = into_cells(points, radius_m)
-    moved, size = points[order], len(start) - 1
-    index = np.full((len(points), neighbours), -1, np.int64)
-    distance = np.full((len(points), neighbours), np.inf)
+    n, size = len(points), len(start) - 1
+    index = np.full((n, neighbours), -1, np.int32)
+    distance = np.full((n, neighbours), np.inf)
     squares, rows = np.empty(neighbours), np.empty(neighbours, np.int64)
     gaps = np.zeros((3, 3))  # squared distance of the point to the cells behind, its own and ahead, along each axis
-    for at in range(len(points)):
-        filled, limit = 0, radius_m * radius_m
-        for k in range(3):
-            inside = moved[at, k] - math.floor(moved[at, k] / radius_m) * radius_m
-            gaps[k, 0], gaps[k, 2] = inside * inside, (radius_m - inside) * (radius_m - inside)
-        for c in _NEAREST_FIRST:
-            if gaps[0, c // 9] + gaps[1, c // 3 % 3] + gaps[2, c % 3] > limit:
+    done = np.zeros(n, np.bool_)
+    near, places, cells = np.empty(n, np.int64), np.empty((n, 3)), np.empty((27, 4), np.int64)
+    for first in range(n):
+        if done[first]:
+            continue
+        filled_cells = _gather(
+            points, order, keys, start, keys[first], near, places, cells
+        )  # once for all points of the cell
+        for at in range(first, start[_slot(keys[first], size) + 1]):
+            if keys[at] != keys[first]:
                 continue
-            other = _near_cell(keys[at], c)
-            slot = _slot(other, size)
-            for k in range(start[slot], start[slot + 1]):
-                if keys[k] != other or k == at:
+            done[at] = True
+            i = order[at]
+            px, py, pz = points[i, 0], points[i, 1], points[i, 2]
+            filled, limit = 0, radius_m * radius_m
+            for k in range(3):
+                inside = points[i, k] - math.floor(points[i, k] / radius_m) * radius_m
+                gaps[k, 0], gaps[k, 2] = inside * inside, (radius_m - inside) * (radius_m - inside)
+            begin = 0
+            for c in range(filled_cells):
+                end = cells[c, 3]
+                if gaps[0, cells[c, 0]] + gaps[1, cells[c, 1]] + gaps[2, cells[c, 2]] > limit:
+                    begin = end
                     continue
-                x, y, z = moved[k, 0] - moved[at, 0], moved[k, 1] - moved[at, 1], moved[k, 2] - moved[at, 2]
-                square = x * x + y * y + z * z
-                if square > limit:
-                    continue
-                place = min(filled, neighbours - 1)
-                while place > 0 and squares[place - 1] > square:
-                    squares[place], rows[place] = squares[place - 1], rows[place - 1]
-                    place -= 1
-                squares[place], rows[place] = square, k
-                filled = min(filled + 1, neighbours)
-                if filled == neighbours:
-                    limit = squares[neighbours - 1]
-        for k in range(filled):
-            index[order[at], k], distance[order[at], k] = order[rows[k]], math.sqrt(squares[k])
+                for k in range(begin, end):
+                    x, y, z = places[k, 0] - px, places[k, 1] - py, places[k, 2] - pz
+                    square = x * x + y * y + z * z
+                    if square > limit or near[k] == i:
+                        continue
+                    place = min(filled, neighbours - 1)
+                    while place > 0 and squares[place - 1] > square:
+                        squares[place], rows[place] = squares[place - 1], rows[place - 1]
+                        place -= 1
+                    squares[place], rows[place] = square, near[k]
+                    filled = min(filled + 1, neighbours)
+                    if filled == neighbours:
+                        limit = squares[neighbours - 1]
+                begin = end
+            for k in range(filled):
+                index[i, k], distance[i, k] = rows[k], math.sqrt(squares[k])
     return index, distance
+
+
+@njit(cache=True)
+def _gather(points, order, keys, start, key, near, places, cells):  # type: ignore[no-untyped-def]
+    """Fills in the points of the 27 cells about the cell `key`, nearest first.
+
+    Args: near, places: index and place of each point; cells: of each cell that is not empty 0, 1 or 2 along each axis,
+        and where its points end.
+
+    Returns:
+        How many cells are not empty.
+    """
+    filled, count, size = 0, 0, len(start) - 1
+    for c in _NEAREST_FIRST:
+        other = _near_cell(key, c)
+        slot, before = _slot(other, size), filled
+        for k in range(start[slot], start[slot + 1]):
+            if keys[k] == other:
+                i = order[k]
+                near[filled] = i
+                places[filled, 0], places[filled, 1], places[filled, 2] = points[i, 0], points[i, 1], points[i, 2]
+                filled += 1
+        if filled > before:
+            cells[count, 0], cells[count, 1], cells[count, 2], cells[count, 3] = c // 9, c // 3 % 3, c % 3, filled
+            count += 1
+    return count

@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 NOTHING, CLOUD, BOX, SELF = 0, 1, 2, 3
+INTERPOLATION = 1.74  # voxels by which two interpolated distances can differ more than their points are apart
 
 
 @njit(cache=True)
@@ -97,21 +98,39 @@ def query_field(points, field, grid):
 
 
 @njit(cache=True)
-def _centers(q, chain, spheres, centers):
-    """Centres of the spheres (m, 3) in the base frame; spheres are sorted by joint."""
+def _places(arm):
+    """Where the parts of the flat array of `checker.pack` begin: counts n, m, c, k, b, then the places of the chain,
+    spheres, first spheres, capsules, pairs, boxes, mask, sphere centres, capsule middles, gaps."""
+    n, m, c, k, b = int(arm[0]), int(arm[1]), int(arm[2]), int(arm[3]), int(arm[4])
+    spheres = 10 + 12 * n
+    first = spheres + 4 * m
+    capsules = first + n + 2
+    pairs = capsules + 3 * c
+    boxes = pairs + 2 * k
+    mask = boxes + 6 * b
+    centers = mask + c * b
+    middles = centers + 3 * m
+    return n, m, c, k, b, spheres, first, capsules, pairs, boxes, mask, centers, middles, middles + 3 * c
+
+
+@njit(cache=True)
+def _centers(q, arm, places):
+    """Fills in the centres of the spheres and the middles of the capsules in the base frame."""
+    n, m, c, _, _, spheres, first, capsules, _, _, _, centers, middles, _ = places
+    x, y, z = arm[spheres : spheres + m], arm[spheres + m : spheres + 2 * m], arm[spheres + 2 * m : spheres + 3 * m]
+    cx, cy, cz = arm[centers : centers + m], arm[centers + m : centers + 2 * m], arm[centers + 2 * m : centers + 3 * m]
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0
     px, py, pz = 0.0, 0.0, 0.0
-    s, count = 0, len(spheres)
-    for joint in range(len(chain) + 1):
+    for joint in range(n + 1):
         if joint > 0:
-            T = chain[joint - 1]
-            px += r00 * T[0, 3] + r01 * T[1, 3] + r02 * T[2, 3]
-            py += r10 * T[0, 3] + r11 * T[1, 3] + r12 * T[2, 3]
-            pz += r20 * T[0, 3] + r21 * T[1, 3] + r22 * T[2, 3]
-            c, n = np.cos(q[joint - 1]), np.sin(q[joint - 1])
-            a00, a01, a02 = T[0, 0] * c + T[0, 1] * n, T[0, 1] * c - T[0, 0] * n, T[0, 2]
-            a10, a11, a12 = T[1, 0] * c + T[1, 1] * n, T[1, 1] * c - T[1, 0] * n, T[1, 2]
-            a20, a21, a22 = T[2, 0] * c + T[2, 1] * n, T[2, 1] * c - T[2, 0] * n, T[2, 2]
+            T = arm[12 * joint - 2 : 12 * joint + 10]
+            px += r00 * T[3] + r01 * T[7] + r02 * T[11]
+            py += r10 * T[3] + r11 * T[7] + r12 * T[11]
+            pz += r20 * T[3] + r21 * T[7] + r22 * T[11]
+            cosine, sine = np.cos(q[joint - 1]), np.sin(q[joint - 1])
+            a00, a01, a02 = T[0] * cosine + T[1] * sine, T[1] * cosine - T[0] * sine, T[2]
+            a10, a11, a12 = T[4] * cosine + T[5] * sine, T[5] * cosine - T[4] * sine, T[6]
+            a20, a21, a22 = T[8] * cosine + T[9] * sine, T[9] * cosine - T[8] * sine, T[10]
             b00, b01, b02 = r00, r01, r02
             b10, b11, b12 = r10, r11, r12
             b20, b21, b22 = r20, r21, r22
@@ -124,84 +143,131 @@ def _centers(q, chain, spheres, centers):
             r20 = b20 * a00 + b21 * a10 + b22 * a20
             r21 = b20 * a01 + b21 * a11 + b22 * a21
             r22 = b20 * a02 + b21 * a12 + b22 * a22
-        while s < count and spheres[s, 0] == joint:
-            x, y, z = spheres[s, 1], spheres[s, 2], spheres[s, 3]
-            centers[s, 0] = px + r00 * x + r01 * y + r02 * z
-            centers[s, 1] = py + r10 * x + r11 * y + r12 * z
-            centers[s, 2] = pz + r20 * x + r21 * y + r22 * z
-            s += 1
+        for s in range(int(arm[first + joint]), int(arm[first + joint + 1])):
+            cx[s] = px + r00 * x[s] + r01 * y[s] + r02 * z[s]
+            cy[s] = py + r10 * x[s] + r11 * y[s] + r12 * z[s]
+            cz[s] = pz + r20 * x[s] + r21 * y[s] + r22 * z[s]
+    for k in range(c):
+        s0, s1 = int(arm[capsules + 3 * k]), int(arm[capsules + 3 * k + 1])
+        arm[middles + k] = 0.5 * (cx[s0] + cx[s1])
+        arm[middles + c + k] = 0.5 * (cy[s0] + cy[s1])
+        arm[middles + 2 * c + k] = 0.5 * (cz[s0] + cz[s1])
 
 
 @njit(cache=True)
-def sphere_centers(q, chain, spheres):
+def sphere_centers(q, arm):
     """Centres of the spheres (m, 3) in the base frame."""
-    centers = np.empty((len(spheres), 3))
-    _centers(q, chain, spheres, centers)
-    return centers
+    places = _places(arm)
+    _centers(q, arm, places)
+    return arm[places[11] : places[12]].copy().reshape((3, places[1])).T
 
 
 @njit(cache=True, error_model="numpy")
-def _least_clearance(q, model, scene, padding, self_padding, most, stop, centers):
+def _least_clearance(q, arm, places, field, padding, self_padding, most, stop):
     """(clearance, kind, sphere, other) of the nearest thing; returns early once a clearance is below `stop`.
 
     Clearances of `most` and above are not told apart. A capsule whose middle is farther away than its half length plus
     the best clearance so far is passed over.
     """
-    chain, spheres, capsules, pairs, boxes, mask = model
-    field, grid = scene
-    _centers(q, chain, spheres, centers)
+    _centers(q, arm, places)
+    m, count, capsules, centers, middles = places[1], places[2], places[7], places[11], places[12]
+    radii, grid = places[5] + 3 * m, arm[5:10]
     best, kind, first, second = most, NOTHING, -1, -1
-    for c in range(len(capsules) - 1, -1, -1):  # the hand first: it hits most often
-        s0, s1 = int(capsules[c, 0]), int(capsules[c, 1])
-        around = capsules[c, 2] + padding
-        mx = 0.5 * (centers[s0, 0] + centers[s1, 0])
-        my = 0.5 * (centers[s0, 1] + centers[s1, 1])
-        mz = 0.5 * (centers[s0, 2] + centers[s1, 2])
-        if _field_at(mx, my, mz, field, grid) - around - grid[3] < best:  # a voxel covers the interpolation
+    for c in range(count - 1, -1, -1):  # the hand first: it hits most often
+        s0, s1 = int(arm[capsules + 3 * c]), int(arm[capsules + 3 * c + 1])
+        around = arm[capsules + 3 * c + 2] + padding + INTERPOLATION * grid[3]
+        x, y, z = arm[middles + c], arm[middles + count + c], arm[middles + 2 * count + c]
+        if _field_at(x, y, z, field, grid) - around < best:
             for s in range(s1, s0 - 1, -1):
-                distance = _field_at(centers[s, 0], centers[s, 1], centers[s, 2], field, grid)
-                d = distance - spheres[s, 4] - padding
+                distance = _field_at(arm[centers + s], arm[centers + m + s], arm[centers + 2 * m + s], field, grid)
+                d = distance - arm[radii + s] - padding
                 if d < best:
                     best, first, second = d, s, -1
                     kind = CLOUD if distance < grid[4] - 1e-6 else NOTHING
                     if best < stop:
                         return best, kind, first, second
-        for b in range(len(boxes)):
-            if not mask[c, b] or _box_distance(mx, my, mz, boxes[b]) - around >= best:
-                continue
-            for s in range(s1, s0 - 1, -1):
-                d = _box_distance(centers[s, 0], centers[s, 1], centers[s, 2], boxes[b]) - spheres[s, 4] - padding
-                if d < best:
-                    best, kind, first, second = d, BOX, s, b
-                    if best < stop:
-                        return best, kind, first, second
-    for k in range(len(pairs)):
-        a0, a1, b0, b1 = int(pairs[k, 0]), int(pairs[k, 1]), int(pairs[k, 2]), int(pairs[k, 3])
-        dx = 0.5 * (centers[a0, 0] + centers[a1, 0] - centers[b0, 0] - centers[b1, 0])
-        dy = 0.5 * (centers[a0, 1] + centers[a1, 1] - centers[b0, 1] - centers[b1, 1])
-        dz = 0.5 * (centers[a0, 2] + centers[a1, 2] - centers[b0, 2] - centers[b1, 2])
-        near = max(pairs[k, 4] + self_padding + best, 0.0)
-        if dx * dx + dy * dy + dz * dz >= near * near:
-            continue
-        for i in range(a0, a1 + 1):
-            for j in range(b0, b1 + 1):
-                dx = centers[i, 0] - centers[j, 0]
-                dy = centers[i, 1] - centers[j, 1]
-                dz = centers[i, 2] - centers[j, 2]
-                gap = spheres[i, 4] + spheres[j, 4] + self_padding
-                near = max(gap + best, 0.0)
-                if dx * dx + dy * dy + dz * dz >= near * near:
-                    continue
-                best, kind, first, second = np.sqrt(dx * dx + dy * dy + dz * dz) - gap, SELF, i, j
-                if best < stop:
-                    return best, kind, first, second
+        d, s, b = _box_clearance(c, arm, places, padding, best, stop)
+        if s >= 0:
+            best, kind, first, second = d, BOX, s, b
+            if best < stop:
+                return best, kind, first, second
+    d, s, other = _self_clearance(arm, places, self_padding, best, stop)
+    if s >= 0:
+        best, kind, first, second = d, SELF, s, other
     return best, kind, first, second
 
 
 @njit(cache=True, error_model="numpy")
-def _box_distance(x, y, z, box):
+def _box_clearance(c, arm, places, padding, best, stop):
+    """(clearance, sphere, box) of capsule `c` where it is below `best`, else sphere -1."""
+    _, m, count, _, total, spheres, _, capsules, _, boxes, mask, centers, middles, gaps = places
+    _outside_all(arm[middles + c], arm[middles + count + c], arm[middles + 2 * count + c], arm, boxes, gaps, total)
+    first, second = -1, -1
+    for b in range(total):
+        near = max(arm[capsules + 3 * c + 2] + padding + best, 0.0)
+        if arm[gaps + b] > near * near or arm[mask + c * total + b] == 0.0:
+            continue
+        for s in range(int(arm[capsules + 3 * c + 1]), int(arm[capsules + 3 * c]) - 1, -1):
+            x, y, z = arm[centers + s], arm[centers + m + s], arm[centers + 2 * m + s]
+            d = _box_distance(x, y, z, arm, boxes, total, b) - arm[spheres + 3 * m + s] - padding
+            if d < best:
+                best, first, second = d, s, b
+                if best < stop:
+                    return best, first, second
+    return best, first, second
+
+
+@njit(cache=True, error_model="numpy")
+def _self_clearance(arm, places, self_padding, best, stop):
+    """(clearance, sphere, sphere) of the pairs of capsules where it is below `best`, else sphere -1."""
+    _, m, count, total, _, spheres, _, capsules, pairs, _, _, centers, middles, _ = places
+    radii = spheres + 3 * m
+    first, second = -1, -1
+    for k in range(total):
+        a, b = int(arm[pairs + 2 * k]), int(arm[pairs + 2 * k + 1])
+        bx, by, bz = arm[middles + b], arm[middles + count + b], arm[middles + 2 * count + b]
+        dx, dy = arm[middles + a] - bx, arm[middles + count + a] - by
+        dz = arm[middles + 2 * count + a] - bz
+        half = arm[capsules + 3 * b + 2] + self_padding
+        near = max(arm[capsules + 3 * a + 2] + half + best, 0.0)
+        if dx * dx + dy * dy + dz * dz > near * near:
+            continue
+        for i in range(int(arm[capsules + 3 * a]), int(arm[capsules + 3 * a + 1]) + 1):
+            x, y, z = arm[centers + i], arm[centers + m + i], arm[centers + 2 * m + i]
+            near = max(arm[radii + i] + half + best, 0.0)
+            dx, dy, dz = x - bx, y - by, z - bz
+            if dx * dx + dy * dy + dz * dz > near * near:
+                continue
+            for j in range(int(arm[capsules + 3 * b]), int(arm[capsules + 3 * b + 1]) + 1):
+                dx, dy, dz = x - arm[centers + j], y - arm[centers + m + j], z - arm[centers + 2 * m + j]
+                gap = arm[radii + i] + arm[radii + j] + self_padding
+                near = max(gap + best, 0.0)
+                if dx * dx + dy * dy + dz * dz >= near * near:
+                    continue
+                best, first, second = np.sqrt(dx * dx + dy * dy + dz * dz) - gap, i, j
+                if best < stop:
+                    return best, first, second
+    return best, first, second
+
+
+@njit(cache=True, error_model="numpy")
+def _outside_all(x, y, z, arm, boxes, gaps, total):
+    """Fills in the squared distances of a point from all boxes, 0 inside; one loop that the compiler runs in lanes."""
+    table, out = arm[boxes : boxes + 6 * total], arm[gaps : gaps + total]
+    for b in range(total):
+        dx = max(abs(x - table[b]) - table[3 * total + b], 0.0)
+        dy = max(abs(y - table[total + b]) - table[4 * total + b], 0.0)
+        dz = max(abs(z - table[2 * total + b]) - table[5 * total + b], 0.0)
+        out[b] = dx * dx + dy * dy + dz * dz
+
+
+@njit(cache=True, error_model="numpy")
+def _box_distance(x, y, z, arm, boxes, total, b):
     """Distance of a point from a box (centre, half size), negative inside."""
-    dx, dy, dz = abs(x - box[0]) - box[3], abs(y - box[1]) - box[4], abs(z - box[2]) - box[5]
+    at = boxes + b
+    dx = abs(x - arm[at]) - arm[at + 3 * total]
+    dy = abs(y - arm[at + total]) - arm[at + 4 * total]
+    dz = abs(z - arm[at + 2 * total]) - arm[at + 5 * total]
     inside = max(dx, dy, dz)
     if inside <= 0.0:
         return inside
@@ -210,39 +276,37 @@ def _box_distance(x, y, z, box):
 
 
 @njit(cache=True)
-def least_clearance(q, model, scene, padding, self_padding):
+def least_clearance(q, arm, field, padding, self_padding):
     """(clearance m, kind, sphere, other) at one state."""
-    centers = np.empty((len(model[1]), 3))
-    return _least_clearance(q, model, scene, padding, self_padding, scene[1][4], -np.inf, centers)
+    return _least_clearance(q, arm, _places(arm), field, padding, self_padding, arm[9], -np.inf)
 
 
 @njit(cache=True)
-def state_valid(q, model, scene, padding, self_padding):
+def state_valid(q, arm, field, padding, self_padding):
     """Whether nothing is nearer than the paddings."""
-    centers = np.empty((len(model[1]), 3))
-    return _least_clearance(q, model, scene, padding, self_padding, 0.0, 0.0, centers)[0] >= 0.0
+    return _least_clearance(q, arm, _places(arm), field, padding, self_padding, 0.0, 0.0)[0] >= 0.0
 
 
 @njit(cache=True)
-def edge_valid(q0, q1, reach, model, scene, padding, self_padding, least_step):
+def edge_valid(q0, q1, reach, arm, field, padding, self_padding, least_step):
     """(valid, states checked): walk the straight edge by conservative advancement.
 
     No surface point moves farther than sum |dq_i| reach_i, so a clearance of d frees that much of the edge. Steps of
     `least_step` m keep the walk short where the clearance goes to zero.
     """
-    centers = np.empty((len(model[1]), 3))
+    places, most = _places(arm), arm[9]
     n = len(q0)
     travel = 0.0
     for i in range(n):
         travel += abs(q1[i] - q0[i]) * reach[i]
-    if _least_clearance(q1, model, scene, padding, self_padding, 0.0, 0.0, centers)[0] < 0.0:
+    if _least_clearance(q1, arm, places, field, padding, self_padding, 0.0, 0.0)[0] < 0.0:
         return False, 1
     q = np.empty(n)
     t, checked = 0.0, 1
     while t < 1.0:
         for i in range(n):
             q[i] = q0[i] + t * (q1[i] - q0[i])
-        d = _least_clearance(q, model, scene, padding, self_padding, scene[1][4], 0.0, centers)[0]
+        d = _least_clearance(q, arm, places, field, padding, self_padding, most, 0.0)[0]
         checked += 1
         if d < 0.0:
             return False, checked

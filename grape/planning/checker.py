@@ -79,24 +79,15 @@ class StateChecker:
         self.model = model
         self.field = field or empty_field()
         self.options = options or CheckerOptions()
-        self._model = (
-            model.placements,
-            model.spheres,
-            model.capsule_table,
-            model.capsule_pairs,
-            model.box_table,
-            model.box_mask,
-        )
-        self._scene = (self.field.distance, self.field.grid)
+        self._arm = _packed(model, self.field.grid)
+        self._shape = (model.joint_count,)
+        self._margins = self.options.padding_m, self.options.self_padding_m
         self.checked = 0  # states looked at since the start, a measure of work that no clock disturbs
 
     def is_valid(self, q: Array) -> bool:
         """Whether nothing is nearer than the paddings at joint angles `q` (n,) rad."""
         self.checked += 1
-        options = self.options
-        return _kernels().state_valid(
-            self._joints(q), self._model, self._scene, options.padding_m, options.self_padding_m
-        )
+        return _kernels().state_valid(self._joints(q), self._arm, self.field.distance, *self._margins)
 
     def clearance(self, q: Array) -> float:
         """What is left of the smallest gap after the padding, m; negative when too near, at most the field's reach."""
@@ -115,6 +106,10 @@ class StateChecker:
             names[kind] = self.model.links[other]
         return Nearest(clearance_m=clearance, link=self.model.links[sphere], other=names[kind])
 
+    def sphere_centers(self, q: Array) -> Array:
+        """(m, 3) m, centres of the model's spheres in the base frame at joint angles `q` (n,) rad."""
+        return _kernels().sphere_centers(self._joints(q), self._arm)
+
     def edge_valid(self, q0: Array, q1: Array) -> bool:
         """Whether the straight joint motion from `q0` to `q1`, both (n,) rad, keeps the paddings all along."""
         return self._edge(q0, q1, self.options.padding_m)
@@ -129,10 +124,7 @@ class StateChecker:
 
     def _least(self, q: Array) -> tuple[float, int, int, int]:
         self.checked += 1
-        options = self.options
-        return _kernels().least_clearance(
-            self._joints(q), self._model, self._scene, options.padding_m, options.self_padding_m
-        )
+        return _kernels().least_clearance(self._joints(q), self._arm, self.field.distance, *self._margins)
 
     def _edge(self, q0: Array, q1: Array, padding: float) -> bool:
         options = self.options
@@ -140,8 +132,8 @@ class StateChecker:
             self._joints(q0),
             self._joints(q1),
             self.model.reach,
-            self._model,
-            self._scene,
+            self._arm,
+            self.field.distance,
             padding,
             options.self_padding_m,
             options.least_step_m,
@@ -150,7 +142,19 @@ class StateChecker:
         return valid
 
     def _joints(self, q: Array) -> Array:
-        q = np.ascontiguousarray(q, dtype=float)
-        if q.shape != (self.model.joint_count,):
-            raise InvalidInput(f"joint angles must have shape ({self.model.joint_count},), got {q.shape}")
-        return q
+        q = np.asarray(q, dtype=float)
+        if q.shape != self._shape:
+            raise InvalidInput(f"joint angles must have shape {self._shape}, got {q.shape}")
+        return q if q.flags.c_contiguous else q.copy()
+
+
+def _packed(model: SphereModel, grid: Array) -> Array:
+    """Everything but the distances in one flat array, see `unpack`: a call that takes few arrays costs little."""
+    first = np.searchsorted(model.spheres[:, 0], np.arange(model.joint_count + 2))
+    pairs = np.searchsorted(model.capsule_table[:, 0], model.capsule_pairs[:, [0, 2]])
+    counts = [model.joint_count, len(model.spheres), len(model.capsule_table), len(pairs), len(model.box_table)]
+    parts = (
+        counts, grid, model.placements[:, :3], model.spheres[:, 1:].T, first, model.capsule_table,
+        pairs, model.box_table.T, model.box_mask, np.zeros(3 * (counts[1] + counts[2]) + counts[4]),
+    )  # fmt: skip
+    return np.concatenate([np.ravel(part) for part in parts]).astype(float)

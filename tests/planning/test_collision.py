@@ -68,10 +68,8 @@ def test_spheres_hold_the_whole_capsule():
 
 
 def test_kernel_kinematics_agree_with_matrix_products(model, fk, states):
-    from grape.planning._collision_kernels import sphere_centers
-
     for q in states[:20]:
-        assert np.allclose(sphere_centers(q, model.placements, model.spheres), centers(model, fk, q), atol=1e-12)
+        assert np.allclose(StateChecker(model).sphere_centers(q), centers(model, fk, q), atol=1e-12)
 
 
 def test_validity_agrees_with_brute_force(model, fk, states, vine, field):

@@ -23,7 +23,7 @@ def both_ways(index, distance):  # type: ignore[no-untyped-def]
     for i in range(n):
         start[i + 1] += start[i]
     filled = start.copy()
-    other, length = np.empty(start[n], np.int64), np.empty(start[n])
+    other, length = np.empty(start[n], np.int32), np.empty(start[n])
     for i in range(n):
         for m in range(k):
             j = index[i, m]
@@ -44,7 +44,7 @@ def parts(start, other, group):  # type: ignore[no-untyped-def]
         group: (n,).
     """
     n = len(group)
-    part, stack, total = np.full(n, -1, np.int64), np.empty(n, np.int64), 0
+    part, stack, total = np.full(n, -1, np.int64), np.empty(n, np.int32), 0
     for seed in range(n):
         if part[seed] >= 0 or group[seed] < 0:
             continue

@@ -76,13 +76,12 @@ def silhouette_candidates(
 
 def _draw(local: Array, options: SilhouetteOptions) -> _Drawing:
     """Nearest point wins in each pixel; small holes closed; parts behind a depth edge cut off."""
+    from grape.tasks.dispenser.perception.silhouette_kernels import nearest_depth
+
     margin = 6
     origin = local[:, :2].min(axis=0) - margin * options.pixel_m
-    cell = np.floor((local[:, :2] - origin) / options.pixel_m).astype(int)
-    w, h = cell.max(axis=0) + margin
-    order = np.argsort(-local[:, 2], kind="stable")  # the nearest is written last
-    depth = np.full((h, w), np.inf)
-    depth[cell[order, 1], cell[order, 0]] = local[order, 2]
+    w, h = np.floor((local[:, :2].max(axis=0) - origin) / options.pixel_m).astype(int) + margin
+    depth = nearest_depth(np.ascontiguousarray(local), origin, options.pixel_m, h, w)
     seen = np.isfinite(depth)
     far = float(local[:, 2].max()) + 1.0
     depth = np.where(seen, depth, far).astype(np.float32)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -9,39 +11,52 @@ from grape.tasks.dispenser.perception.spur_kernels import middle
 
 
 @njit(cache=True)
+def nearest_depth(local, origin, pixel_m, h, w):  # type: ignore[no-untyped-def]
+    """(h, w) depth of the nearest point (n, 3) of each pixel, infinite where there is none."""
+    depth = np.full((h, w), np.inf)
+    for i in range(len(local)):
+        column = math.floor((local[i, 0] - origin[0]) / pixel_m)
+        row = math.floor((local[i, 1] - origin[1]) / pixel_m)
+        depth[row, column] = min(depth[row, column], local[i, 2])
+    return depth
+
+
+@njit(cache=True)
 def thin(image):  # type: ignore[no-untyped-def]
     """Zhang and Suen's thinning (1984), in place: image (h, w) uint8 of 0 and 1 with an empty border."""
-    h, w = image.shape
-    remove = np.zeros((h, w), np.uint8)
-    changed = True
+    rows, columns = np.nonzero(image)
+    left, removed = len(rows), 1
+    leave = np.zeros(left, np.bool_)
     ring = np.empty(8, np.int64)
-    while changed:
-        changed = False
+    while removed > 0:
+        removed = 0
         for phase in range(2):
-            for i in range(1, h - 1):
-                for j in range(1, w - 1):
-                    if image[i, j] == 0:
-                        continue
-                    ring[0], ring[1], ring[2] = image[i - 1, j], image[i - 1, j + 1], image[i, j + 1]
-                    ring[3], ring[4], ring[5] = image[i + 1, j + 1], image[i + 1, j], image[i + 1, j - 1]
-                    ring[6], ring[7] = image[i, j - 1], image[i - 1, j - 1]
-                    total, rises = 0, 0
-                    for k in range(8):
-                        total += ring[k]
-                        rises += ring[k] == 0 and ring[(k + 1) % 8] == 1
-                    if total < 2 or total > 6 or rises != 1:
-                        continue
-                    n, e, s, west = ring[0], ring[2], ring[4], ring[6]
-                    if phase == 0:
-                        remove[i, j] = n * e * s == 0 and e * s * west == 0
-                    else:
-                        remove[i, j] = n * e * west == 0 and n * s * west == 0
-            for i in range(h):
-                for j in range(w):
-                    if remove[i, j]:
-                        image[i, j] = 0
-                        remove[i, j] = 0
-                        changed = True
+            for p in range(left):
+                i, j = rows[p], columns[p]
+                ring[0], ring[1], ring[2] = image[i - 1, j], image[i - 1, j + 1], image[i, j + 1]
+                ring[3], ring[4], ring[5] = image[i + 1, j + 1], image[i + 1, j], image[i + 1, j - 1]
+                ring[6], ring[7] = image[i, j - 1], image[i - 1, j - 1]
+                total, rises = 0, 0
+                for k in range(8):
+                    total += ring[k]
+                    rises += ring[k] == 0 and ring[(k + 1) % 8] == 1
+                leave[p] = False
+                if total < 2 or total > 6 or rises != 1:
+                    continue
+                n, e, s, west = ring[0], ring[2], ring[4], ring[6]
+                if phase == 0:
+                    leave[p] = n * e * s == 0 and e * s * west == 0
+                else:
+                    leave[p] = n * e * west == 0 and n * s * west == 0
+            kept = 0
+            for p in range(left):
+                if leave[p]:
+                    image[rows[p], columns[p]] = 0
+                else:
+                    rows[kept], columns[kept] = rows[p], columns[p]
+                    kept += 1
+            removed += left - kept
+            left = kept
     return image
 
 

@@ -136,7 +136,7 @@ def _prepare(points: Array, options: SpurOptions) -> Array:
 
 
 def _surroundings(points: Array, origins: Array, up: Array, options: SpurOptions) -> Surroundings:
-    middle = np.median(points, axis=0)
+    middle = np.median(np.ascontiguousarray(points.T), axis=1)
     to_robot = origins.mean(axis=0) - middle
     to_robot = to_robot - (to_robot @ up) * up
     toward_robot = as_unit(to_robot, "the horizontal direction from the cloud to the origins")
