@@ -7,16 +7,13 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from grape.campaign.failures import PROCESS
 from grape.campaign.reading import RunData
 from grape.mission.page import document, none, number, picture, section, table, tiles
 from grape.mission.svg import interval_chart
+from grape.proof import wilson95
 
 MAX_FAILURES = 60
-CHECKS = {
-    "feeder": "holds the feeder a dispenser?",
-    "grasp": "is a dispenser on the hand?",
-    "deployment": "does one hang on the plant?",
-}
 
 
 def campaign_page(summary: Mapping[str, Any], runs: Sequence[RunData], folder: Path) -> str:
@@ -101,11 +98,19 @@ def _checks(summary: Mapping[str, Any]) -> str:
     rows = []
     for name, cells in summary["checks"].items():
         tp, fp, tn, fn = (cells[cell] for cell in ("tp", "fp", "tn", "fn"))
-        rates = [f"{wrong} of {n}" if n else "–" for wrong, n in ((fp, tp + fp), (fn, tn + fn))]
-        question = f"<b>{escape(name)}</b>: {escape(CHECKS.get(name, ''))}"
-        rows.append([question, *(str(cell) for cell in (tp, fp, tn, fn)), *rates])
-    head = ["check", "said yes, was so", "said yes, was not", "said no, was not", "said no, was so"]
+        numbers = [str(cell) for cell in (tp, fp, tn, fn)]
+        meaning = f"<b>{escape(name)}</b>: {escape(cells['positive'])}"
+        rows.append([meaning, *numbers, _wrong(fp, tp + fp), _wrong(fn, tn + fn)])
+        if "level_right" in cells:
+            right, wrong = cells["level_right"], cells["level_wrong"]
+            meaning = f"<b>{escape(name)}</b>: this level is on top"
+            rows.append([meaning, str(right), str(wrong), "", "", _wrong(wrong, right + wrong), ""])
+    head = ["a yes means", "said yes, was so", "said yes, was not", "said no, was not", "said no, was so"]
     return table([*head, "wrong yes", "wrong no"], rows)
+
+
+def _wrong(wrong: int, said: int) -> str:
+    return f"{wrong} of {said} ({interval(wilson95(wrong, said))})" if said else "–"
 
 
 def _taxonomy(summary: Mapping[str, Any]) -> str:
@@ -126,7 +131,8 @@ def _failures(summary: Mapping[str, Any], folder: Path) -> str:
 
 def _failure(failure: Mapping[str, Any], folder: Path) -> str:
     at = f" at {failure['time_s']:.1f} s" if failure["time_s"] is not None else ""
-    where = f"{failure['plant']} ({_words(failure['mode'])}){at}" if failure["plant"] else "the mission's process"
+    alone = "the mission's process" if failure["action"] == PROCESS else "the account of dispensers"
+    where = f"{failure['plant']} ({_words(failure['mode'])}){at}" if failure["plant"] else alone
     known = {key: value for key, value in failure["conditions"].items() if value is not None}
     conditions = ", ".join(f"{_words(key)} {value}" for key, value in known.items())
     shown = picture(folder / failure["picture"], failure["picture"]) if failure["picture"] else ""

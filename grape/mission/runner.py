@@ -26,6 +26,7 @@ from grape.world import World
 STOPPING_S = 1.0  # simulated after the end, so that the robot stands when the referee looks
 TRACK_PERIOD_S = 0.2
 PROGRESS_PERIOD_S = 0.25  # of the wall clock
+LOOKS = ("check", "settled")  # events after which the referee notes where the dispensers are
 
 
 class Referee(Protocol):
@@ -172,8 +173,8 @@ class Runner:
     def _see(self, event: dict[str, Any]) -> None:
         """Follow the robot's account; whenever it has looked, let the referee note what was so."""
         self._tracker.observe(event)
-        if self._referee is not None and event["kind"] == "check":
-            self._referee.witness(str(event["check"]), self._tracker.plant)
+        if self._referee is not None and event["kind"] in LOOKS:
+            self._referee.witness(str(event.get("check", event["kind"])), self._tracker.plant)
 
     def _take_up(self) -> None:
         """Go on where a kill or Ctrl-C has ended an earlier session."""

@@ -44,7 +44,10 @@ def settle_account(goal: SettleAccountGoal, ctx: Context) -> Generator[Feedback,
             hangs = yield from _hangs(ctx, plant, step.details["target"])
         elif places["hand"] and not holds:
             ctx.ledger.move_dispenser("hand", "lost")
-    ctx.log.event("settled", step=step.name if step else "", plant=plant, hangs=hangs, holds=holds)
+    ctx.log.event(
+        "settled", step=step.name if step else "", plant=plant, hangs=hangs, holds=holds,
+        places=dict(ctx.ledger.dispensers()),
+    )  # fmt: skip
     if hangs:
         yield from finish_plant(FinishPlantGoal(plant=plant, outcome=Outcome.DEPLOYED), ctx)
     ctx.world.committed.pop(RESUMED, None)
