@@ -27,7 +27,7 @@ from grape.sim.worlds import VineyardOptions, vineyard_site
 from grape.site import save_site
 
 KILLS = 25  # of one mission at most
-GAP_S = 13.0  # simulated, mean: a kill is equally likely at every instant of a session
+GAP_S = 20.0  # simulated, mean: a kill is equally likely at every instant of a session
 DISPENSERS = 3
 PATIENCE_S = 900.0  # of the wall clock for one session
 PLANTS = "plants=[{plant: r0n0, mode: nail}, {plant: r0v1, mode: plant}]"

@@ -15,7 +15,7 @@ from grape.mission.record import read_events
 CONDITIONS: Mapping[str, str] = MappingProxyType(
     {"style": "world.style", "light": "world.sun", "arm_errors": "arm_errors"}
 )
-QUESTIONS = frozenset({"HoldsDispenser", "CheckHand", "NextPlant"})  # actions whose failure is an answer
+QUESTIONS = frozenset({"HoldsDispenser", "NextPlant"})  # actions whose failure is an answer
 FAILED = ("aborted", "rejected")
 
 

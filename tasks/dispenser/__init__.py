@@ -14,6 +14,7 @@ from grape.tasks.dispenser.actions.approach_spur import approach_spur
 from grape.tasks.dispenser.actions.check_deployment import check_deployment
 from grape.tasks.dispenser.actions.check_feeder import check_feeder
 from grape.tasks.dispenser.actions.check_grasp import check_grasp
+from grape.tasks.dispenser.actions.check_hand import check_hand
 from grape.tasks.dispenser.actions.drive_to_plant import drive_to_plant
 from grape.tasks.dispenser.actions.find_deployment_points import find_deployment_points
 from grape.tasks.dispenser.actions.finish_plant import finish_plant
@@ -47,6 +48,7 @@ TASK = Task(
         check_deployment,
         check_feeder,
         check_grasp,
+        check_hand,
         drive_to_plant,
         drive_to_pose,
         find_deployment_points,

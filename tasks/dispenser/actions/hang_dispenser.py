@@ -9,6 +9,7 @@ import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.hand_path import HandPathOptions, calibrated_joints, follow_hand_path, smooth_step, straight
+from grape.errors import ActionFailed
 from grape.geometry import pose
 from grape.messages import Array
 from grape.tasks.dispenser.targets import RETREAT_M, HangTarget
@@ -58,8 +59,11 @@ def hang_dispenser(goal: HangDispenserGoal, ctx: Context) -> Generator[Feedback,
         ctx.ledger.move_dispenser("hand", goal.target.plant)
         T_closed = nails_held(goal.close_s)
         T_back = T_closed @ pose(None, (0.0, 0.0, goal.retreat_m))
-        yield from follow_hand_path(
-            ctx, arm, straight(T_closed, T_back, goal.retreat_s), goal.retreat_s, status="released, backing off",
-            options=HandPathOptions(tolerance_m=0.08, tolerance_rad=0.5, calibrated=True),
-        )  # fmt: skip
+        try:
+            yield from follow_hand_path(
+                ctx, arm, straight(T_closed, T_back, goal.retreat_s), goal.retreat_s, status="released, backing off",
+                options=HandPathOptions(tolerance_m=0.08, tolerance_rad=0.5, calibrated=True),
+            )  # fmt: skip
+        except ActionFailed as failed:  # the dispenser is let go: whether it hangs, the look that follows has to tell
+            ctx.log.event("backing_off_failed", reason=str(failed.reason), detail=failed.detail)
     return NoResult()
