@@ -53,12 +53,13 @@ def test_the_referee_is_told_of_every_look_and_of_nothing_else(make_runner: Make
             context.log.event("plant_started", plant="r0n0", mode="nail")
             context.log.event("check", check="grasp", value=True)
             context.log.event("scan", plant="r0n0")
+            context.log.event("settled", step="grasp")
         return Status.SUCCEEDED if ticks == 2 else None
 
     runner, _ = make_runner(script)
     runner.run()
     runner.close()
-    assert backend.witnessed == [("grasp", "r0n0")]
+    assert backend.witnessed == [("grasp", "r0n0"), ("settled", "r0n0")]
 
 
 def test_a_mission_ends_when_its_tree_ends_and_the_robot_stands(make_runner: Make, backend: Any) -> None:
