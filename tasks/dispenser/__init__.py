@@ -34,6 +34,7 @@ from grape.tasks.dispenser.actions.withdraw_hand import withdraw_hand
 from grape.tasks.dispenser.conditions import (
     dispensers_left,
     interrupted,
+    is_deployed,
     mode_is,
     reason_is_one_of,
     remembers_targets,
@@ -71,7 +72,7 @@ TASK = Task(
         wait_for_localization,
         withdraw_hand,
     ),
-    conditions=(dispensers_left, interrupted, mode_is, reason_is_one_of, remembers_targets),
+    conditions=(dispensers_left, interrupted, is_deployed, mode_is, reason_is_one_of, remembers_targets),
     trees={"dispenser_deployment": Path(grape.trees.__file__).with_name("dispenser_deployment.xml")},
     missions={path.stem: path for path in sorted((Path(__file__).parent / "missions").glob("*.yaml"))},
 )

@@ -10,6 +10,7 @@ from grape.errors import ActionFailed
 from grape.tasks.dispenser.actions.check_feeder import CheckFeederGoal, check_feeder
 from grape.tasks.dispenser.actions.finish_plant import FinishPlantGoal, finish_plant
 from grape.tasks.dispenser.actions.holds_dispenser import account_for_fallen, hangs_there, look_at_hand
+from grape.tasks.dispenser.conditions import IsDeployedGoal, is_deployed
 from grape.tasks.dispenser.targets import HangTarget
 
 
@@ -55,10 +56,11 @@ def _look(goal: CheckHandGoal, ctx: Context) -> Generator[Feedback, None, str]:
             ctx.ledger.move_dispenser("feeder", "hand")
         elif goal.feeder:
             yield from check_feeder(CheckFeederGoal(), ctx)
-    elif step is not None and step.name == "release" and places[step.plant] and not _deployed(ctx, step.plant):
+    elif (
+        step is not None
+        and step.name == "release"
+        and places[step.plant]
+        and not is_deployed(IsDeployedGoal(plant=step.plant), ctx)
+    ):
         return step.plant if (yield from hangs_there(ctx, HangTarget(**step.details["target"]))) else ""
     return ""
-
-
-def _deployed(ctx: Context, plant: str) -> bool:
-    return any(task.plant == plant and task.outcome is Outcome.DEPLOYED for task in ctx.ledger.plants())

@@ -14,6 +14,7 @@ from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser.actions.check_hand import CheckHandGoal, check_hand
 from grape.tasks.dispenser.actions.hang_dispenser import HangDispenserGoal, hang_dispenser
 from grape.tasks.dispenser.actions.holds_dispenser import HoldsDispenserGoal, holds_dispenser
+from grape.tasks.dispenser.conditions import IsDeployedGoal, is_deployed
 from grape.tasks.dispenser.targets import HangTarget
 
 
@@ -46,6 +47,7 @@ def test_what_fell_while_a_plant_was_served_in_vain_is_lost(
     carried_to(bench, task, step)
     bench.scene.held = held
     look(bench)
+    assert not is_deployed(IsDeployedGoal(plant="n0"), bench.ctx)
     account = bench.ledger.account()
     assert (account["on_hand"], account["lost"], account["left"]) == (int(held), int(not held), 7)
     assert bench.log.last("check")["check"] == ("grasp" if held or step == "approach" else "deployment")
@@ -57,7 +59,7 @@ def test_what_the_plant_pulled_off_the_hand_hangs_there(bench: Bench, task: Simp
     bench.scene.wings = [target.tip - np.array([side * 0.02, 0.0, 0.07]) for side in (-1.0, 1.0)]
     look(bench)
     assert bench.ledger.dispensers()["n0"] == 1 and bench.ledger.account()["lost"] == 0
-    assert bench.ledger.plants()[0].outcome is Outcome.DEPLOYED
+    assert is_deployed(IsDeployedGoal(plant="n0"), bench.ctx)
 
 
 def test_a_new_attempt_knows_that_the_plant_has_it(bench: Bench, task: SimpleNamespace) -> None:
