@@ -167,7 +167,8 @@ def wilson95(yes: int, n: int) -> tuple[float, float]:
         return 0.0, 1.0
     z, p = 1.959964, yes / n
     middle, half = p + z * z / (2 * n), z * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
-    return float((middle - half) / (1 + z * z / n)), float((middle + half) / (1 + z * z / n))
+    low, high = (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+    return float(max(low, 0.0)), float(min(high, 1.0))
 
 
 def median95(values: Sequence[float]) -> tuple[float, float] | None:

@@ -140,8 +140,12 @@ def _rounded(value: float | None) -> float | None:
 
 
 def true_places(truth: Mapping[str, Any]) -> dict[str, int]:
-    """Where the referee has seen dispensers, under the names of the robot's account: what is dropped is lost."""
-    return {"lost" if place == "dropped" else place: number for place, number in truth["places"].items()}
+    """Where the referee has seen dispensers, under the names of the robot's account: what is dropped is lost.
+
+    Those that are not in play yet do not count.
+    """
+    places = {place: number for place, number in truth["places"].items() if place != "stock"}
+    return {"lost" if place == "dropped" else place: number for place, number in places.items()}
 
 
 def misplaced(account: Mapping[str, int], seen: Mapping[str, int]) -> dict[str, int]:
