@@ -114,7 +114,8 @@ def hanging(
             n=len(plants), ci95=wilson95(agreeing, len(plants)), goal=">= 0.99",
         ),
         Quantity(
-            name="lost unnoticed", unit="1", value=done.summary["lost_unnoticed"], n=len(plants), goal="= 0",
+            name="lost unnoticed", unit="1", value=done.summary["lost_unnoticed"] if plants else None, n=len(plants),
+            goal="= 0",
         ),
         Quantity(
             name="base stop to arm retracted, median", unit="s", value=total["cycle_s_median"], n=len(cycles),
@@ -125,8 +126,8 @@ def hanging(
             goal="<= 20",
         ),
         Quantity(
-            name="pairs of parts that collided", unit="1", value=done.summary["collisions"], n=len(done.runs),
-            goal="= 0",
+            name="pairs of parts that collided", unit="1", value=done.summary["collisions"] if plants else None,
+            n=len(done.runs), goal="= 0",
         ),
     )  # fmt: skip
     figures = (_figure("Plants that hang", plants), *([_paired(pairs, mode, beside[1])] if beside and pairs else []))

@@ -224,20 +224,21 @@ def _notes(trials: Sequence[dict[str, Any]], kills: Sequence[dict[str, Any]]) ->
     during = Counter(kill["action"] for kill in kills)
     stopped = [str(trial["seed"]) for trial in trials if trial.get("stopped")]
     unequal = [str(t["seed"]) for t in trials if not t.get("stopped") and not (t["ended"] and t["equal"])]
-    wrong = [
-        f"seed {trial['seed']} at {kill['t']:.2f} s during {kill['action']}"
-        for trial in trials
-        for kill in trial["kills"]
-        if kill["equal"] is False or kill["repeated"]
-    ]
     return (
         "Each mission is a nail and a vine near the start, the arm as flawed as a real one; SIGKILL hits the process at"
         f" every simulated instant with the same chance, every {GAP_S:g} s on average, at most {KILLS} times.",
         "Killed during: " + ", ".join(f"{name} {count}" for name, count in during.most_common()),
-        "Kills after which the account was wrong or a plant served again: " + ("; ".join(wrong) or "none"),
         "Seeds whose account differs or that did not end: " + (", ".join(unequal) or "none"),
+        *(f"Kills of seed {t['seed']}: " + "; ".join(map(_told, t["kills"])) for t in trials if t["kills"]),
         *((f"Stopped before its end, counted with its kills alone: seed {', '.join(stopped)}",) if stopped else ()),
     )
+
+
+def _told(kill: dict[str, Any]) -> str:
+    """One kill for a person."""
+    account = {True: "account right", False: "ACCOUNT WRONG", None: "not settled yet"}[kill["equal"]]
+    again = f", SERVED AGAIN: {', '.join(kill['repeated'])}" if kill["repeated"] else ""
+    return f"{kill['t']:.1f} s {kill['action']}, {account}{again}"
 
 
 def _site_near_the_plants(path: Path) -> None:

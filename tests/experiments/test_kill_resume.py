@@ -88,7 +88,9 @@ def test_a_mission_that_does_not_end_counts_against_it_and_one_that_was_stopped_
     assert figures["resumed missions whose account equals the referee's"] == (0.5, 2, False)
     assert figures["kills"] == (51, 3, True)
     assert figures["kills after which the settled account equals the referee's"] == (1.0, 50, True)
-    assert "2" in proof.notes[3] and "3" in proof.notes[4] and EXPERIMENT.row == "K1"
+    assert "2" in proof.notes[2] and "3.0 s Retract, account right" in proof.notes[3]
+    assert "3.0 s Retract, not settled yet" in proof.notes[4] and "seed 3" in proof.notes[5]
+    assert EXPERIMENT.row == "K1"
 
 
 @pytest.mark.slow
