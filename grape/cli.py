@@ -125,11 +125,12 @@ def reproduce(
 
     The folder holds reproduce.html with the plots and reproduce.json for programs.
 
-    Exit codes: 0 it ran, whether goals are met or not, 1 error in the input, 130 stopped (Ctrl-C).
+    Exit codes: 0 it ran, whether goals are met or not, 1 error in the input, 130 stopped (Ctrl-C); rows that missions
+    prove then show the figures of those that are done.
     """
     from grape.proving.reproduce import reproduce_command
 
-    reproduce_command(row, seeds, out)
+    raise typer.Exit(reproduce_command(row, seeds, out))
 
 
 @app.command()

@@ -7,6 +7,7 @@ their own through the entry point groups `grape.experiments`, whose names are th
 
 from __future__ import annotations
 
+import math
 import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -57,11 +58,17 @@ class Figure:
 
 @dataclass(frozen=True, kw_only=True)
 class Proof:
-    """What an experiment found. Attributes: notes: sentences a reader needs to judge the figures."""
+    """What an experiment found.
+
+    Attributes:
+        notes: sentences a reader needs to judge the figures.
+        complete: false when it was stopped; the figures are then of what was done so far.
+    """
 
     quantities: tuple[Quantity, ...]
     figures: tuple[Figure, ...] = ()
     notes: tuple[str, ...] = ()
+    complete: bool = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +167,21 @@ def wilson95(yes: int, n: int) -> tuple[float, float]:
         return 0.0, 1.0
     z, p = 1.959964, yes / n
     middle, half = p + z * z / (2 * n), z * (p * (1 - p) / n + z * z / (4 * n * n)) ** 0.5
-    return float((middle - half) / (1 + z * z / n)), float((middle + half) / (1 + z * z / n))
+    low, high = (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+    return float(max(low, 0.0)), float(min(high, 1.0))
+
+
+def median95(values: Sequence[float]) -> tuple[float, float] | None:
+    """95 % confidence interval of the median, between order statistics; None below six values.
+
+    Source: Conover, Practical nonparametric statistics, 3rd ed. 1999, section 3.2.
+    """
+    n, half = len(values), 0.98 * len(values) ** 0.5
+    if n < 6:
+        return None
+    ordered = sorted(values)
+    first, last = max(0, math.floor(n / 2 - half) - 1), min(n - 1, math.ceil(n / 2 + half) - 1)
+    return float(ordered[first]), float(ordered[last])
 
 
 def _check_goal(goal: str) -> None:

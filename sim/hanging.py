@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -34,11 +35,26 @@ class DispenserPlace(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class Place:
-    """Where one dispenser is; `plant` and the distance from the tip it hangs on only where it hangs on one."""
+    """Where one dispenser is.
+
+    Attributes:
+        plant, offset_mm: which one it hangs on, and how far from the tip, where it hangs on one.
+        level: in the feeder, 0 is the lowest.
+    """
 
     where: DispenserPlace
     plant: str | None = None
     offset_mm: float = 0.0
+    level: int | None = None
+
+
+def census(places: Iterable[Place]) -> dict[str, int]:
+    """How many dispensers are where: feeder, hand, dropped, and the id of each plant on which one hangs."""
+    found = {str(where): 0 for where in DispenserPlace if where is not DispenserPlace.PLANT}
+    for place in places:
+        name = place.plant or str(place.where)
+        found[name] = found.get(name, 0) + 1
+    return dict(sorted(found.items()))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,11 +70,16 @@ def _axis(base: Array, tip: Array) -> Array:
 
 
 class HangingJudge:
-    """Judges where the dispensers of a scene are."""
+    """Judges where the dispensers of a scene are.
 
-    def __init__(self, physics: Physics, world: World, parts: PartTable) -> None:
+    Args:
+        pitch_m: height of one level of the feeder.
+    """
+
+    def __init__(self, physics: Physics, world: World, parts: PartTable, pitch_m: float) -> None:
         self._physics = physics
         self._parts = parts
+        self._pitch_m = pitch_m
         self._terrain = world.terrain
         self.plants: tuple[Plant, ...] = world.site.plants
         self._carriers = tuple(
@@ -83,10 +104,10 @@ class HangingJudge:
         if kinds & {Part.NAIL, Part.FINGER, Part.ARM}:
             return Place(where=DispenserPlace.HAND)
         if Part.BODY in kinds:
-            return Place(where=DispenserPlace.FEEDER if self._in_feeder(line) else DispenserPlace.DROPPED)
+            return self._loose(line)
         carrier = self._carrier(line, touched)
         if carrier is None or Part.WHEEL in kinds or not self._hangs_still(loop, line):
-            return Place(where=DispenserPlace.FEEDER if self._in_feeder(line) else DispenserPlace.DROPPED)
+            return self._loose(line)
         offset = np.linalg.norm(line[:-1].mean(axis=0)[:2] - carrier.tip[:2])
         return Place(where=DispenserPlace.PLANT, plant=carrier.plant, offset_mm=1000.0 * float(offset))
 
@@ -110,8 +131,10 @@ class HangingJudge:
         speed = np.linalg.norm(self._physics.data.cvel[list(loop.subtree), 3:], axis=1)
         return bool(line[:, 2].min() > ground + _LOWEST_M and np.median(speed) < _AT_REST_MPS)
 
-    def _in_feeder(self, line: Array) -> bool:
-        """Whether the loop's centre is inside the stack."""
+    def _loose(self, line: Array) -> Place:
+        """In the feeder when the loop's centre is inside the stack, else dropped."""
         feeder = self._physics.data.body("feeder")
         local = feeder.xmat.reshape(3, 3).T @ (line.mean(axis=0) - feeder.xpos)
-        return bool(abs(local[0]) < 0.05 and abs(local[1]) < 0.06 and -0.03 < local[2] < 0.25)
+        if abs(local[0]) < 0.05 and abs(local[1]) < 0.06 and -0.03 < local[2] < 0.25:
+            return Place(where=DispenserPlace.FEEDER, level=max(0, round(local[2] / self._pitch_m)))
+        return Place(where=DispenserPlace.DROPPED)

@@ -14,7 +14,7 @@ from grape.messages import Array, Odometry
 from grape.robots import RobotDescription
 from grape.sim.areas import polygons_touch
 from grape.sim.compose import BASE_BODY
-from grape.sim.hanging import DispenserPlace, HangingJudge
+from grape.sim.hanging import HangingJudge, census
 from grape.sim.parts import Part, PartTable
 from grape.sim.physics import Physics
 from grape.sim.worlds.model import World
@@ -62,7 +62,9 @@ class Witness:
     """What was so when the robot looked: where the dispensers were, and whether the plant in hand had one.
 
     Attributes:
-        true: what the check should have said; None for a check that the referee does not know.
+        true: what the check should have said; None for a look that answers no question the referee knows.
+        level: of the topmost dispenser in the feeder, 0 is the lowest; None when there is none.
+        places: how many dispensers were where: feeder, hand, dropped, or a plant's id.
     """
 
     time_s: float
@@ -72,6 +74,8 @@ class Witness:
     in_feeder: int
     on_hand: int
     hanging: bool
+    level: int | None = None
+    places: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +119,7 @@ class Referee:
     def __init__(self, physics: Physics, world: World, robot: RobotDescription) -> None:
         self._physics = physics
         self._parts = PartTable.of(physics.model, world, robot)
-        self._judge = HangingJudge(physics, world, self._parts)
+        self._judge = HangingJudge(physics, world, self._parts, robot.feeder.pitch)
         self._footprint = robot.base.footprint
         self._fences = _Fences(polygons=tuple(fence.polygon for fence in world.site.fences))
         self._base = physics.identify("body", BASE_BODY)
@@ -187,13 +191,14 @@ class Referee:
         """Remember what is so at this moment, for the run folder alone: the robot has just looked.
 
         Args:
-            check: feeder (holds a dispenser?), grasp (is one on the hand?) or deployment (does one hang on the plant?).
+            check: feeder (holds a dispenser?), grasp (is one on the hand?) or deployment (does one hang on the plant?);
+                of another look only the places are noted.
             plant: the plant in hand, or empty.
         """
         places = self._judge.places()
-        in_feeder = sum(place.where == DispenserPlace.FEEDER for place in places)
-        on_hand = sum(place.where == DispenserPlace.HAND for place in places)
-        hanging = any(place.plant == plant for place in places if place.plant is not None)
+        found = census(places)
+        in_feeder, on_hand = found["feeder"], found["hand"]
+        hanging = found.get(plant, 0) > 0
         true = {"feeder": in_feeder > 0, "grasp": on_hand > 0, "deployment": hanging}.get(check)
         witness = Witness(
             time_s=round(self._physics.clock.now(), 3),
@@ -203,6 +208,8 @@ class Referee:
             in_feeder=in_feeder,
             on_hand=on_hand,
             hanging=hanging,
+            level=max((place.level for place in places if place.level is not None), default=None),
+            places=found,
         )
         self._witnessed.append(witness)
         self._news.append(witness)
@@ -210,6 +217,7 @@ class Referee:
     def verdict(self) -> dict[str, Any]:
         """What really happened, as `truth` and `localization` of result.json."""
         places = self._judge.places()
+        found = census(places)
         hanging = {place.plant: place for place in places if place.plant is not None}
         plants = {
             plant.id: {
@@ -221,9 +229,10 @@ class Referee:
         return {
             "truth": {
                 "hanging": sorted(hanging),
-                "dropped": sum(place.where == DispenserPlace.DROPPED for place in places),
-                "in_feeder": sum(place.where == DispenserPlace.FEEDER for place in places),
-                "on_hand": sum(place.where == DispenserPlace.HAND for place in places),
+                "dropped": found["dropped"],
+                "in_feeder": found["feeder"],
+                "on_hand": found["hand"],
+                "places": found,
                 "collisions": [
                     {"a": c.a, "b": c.b, "force_n": round(c.force_n, 2), "time_s": round(c.time_s, 3)}
                     for c in self._collisions.values()

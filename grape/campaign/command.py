@@ -14,12 +14,13 @@ from rich.table import Table
 
 from grape.campaign.engines import Engine, LocalEngine, engine_named
 from grape.campaign.failures import failures_of
-from grape.campaign.plan import Job, Plan, keep_plan, make_jobs, make_plan
+from grape.campaign.plan import PLAN_FILE, Job, Plan, keep_plan, make_jobs, make_plan
 from grape.campaign.reading import CONDITIONS, RunData, read_run
 from grape.campaign.report import campaign_page, interval, percent
 from grape.campaign.summary import build_summary
 from grape.campaign.watch import Standing, StandingDisplay, run_jobs
 from grape.mission.command import Cancellation
+from grape.mission.lock import RunLock
 from grape.mission.page import number
 from grape.mission.record import write_atomic
 from grape.proof import parse_seeds
@@ -88,21 +89,39 @@ def run_campaign(
 
     Raises:
         InvalidInput: the folder holds something else.
+        FolderBusy: another process runs a campaign there.
     """
     keep_plan(plan, folder)
+    with RunLock(folder):
+        standing = run_jobs(make_jobs(plan, seeds, folder), engine, workers, cancelled, show)
+        done = read_campaign(plan, seeds, folder, standing)
+        text = json.dumps(done.summary, indent=2, allow_nan=False, ensure_ascii=False)
+        write_atomic(folder / "campaign.json", text + "\n")
+        write_atomic(folder / "report.html", campaign_page(done.summary, done.runs, folder))
+    return done
+
+
+def read_campaign(plan: Plan, seeds: range, folder: Path, standing: Standing | None = None) -> CampaignRun:
+    """The missions of a campaign that are done, and what they come to; nothing is run or written.
+
+    Args:
+        folder: of that plan; it may be missing.
+        standing: how it stands, where that is known.
+
+    Raises:
+        InvalidInput: the folder holds something else.
+    """
+    if (folder / PLAN_FILE).is_file():
+        keep_plan(plan, folder)
     jobs = make_jobs(plan, seeds, folder)
-    standing = run_jobs(jobs, engine, workers, cancelled, show)
-    runs = [read_run(job, result) for job, result in _finished(jobs)]
+    runs, standing = _finished(jobs), standing or Standing(jobs=jobs)
     summary = build_summary(plan, seeds, runs, standing.broken, failures_of(runs, standing.broken, folder))
-    text = json.dumps(summary, indent=2, allow_nan=False, ensure_ascii=False)
-    write_atomic(folder / "campaign.json", text + "\n")
-    write_atomic(folder / "report.html", campaign_page(summary, runs, folder))
     return CampaignRun(folder=folder, standing=standing, runs=runs, summary=summary)
 
 
-def _finished(jobs: Sequence[Job]) -> list[tuple[Job, dict[str, Any]]]:
+def _finished(jobs: Sequence[Job]) -> list[RunData]:
     results = [(job, job.result()) for job in jobs]
-    return [(job, result) for job, result in results if result is not None]
+    return [read_run(job, result) for job, result in results if result is not None]
 
 
 def _table(summary: Mapping[str, Any]) -> Table:

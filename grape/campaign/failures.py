@@ -10,6 +10,7 @@ from typing import Any
 
 from grape.campaign.plan import Job
 from grape.campaign.reading import PlantRun, RunData
+from grape.mission.result import lost_unnoticed, misplaced, true_places
 
 ACCOUNT = "account"  # robot and referee disagree
 MISSION = "mission"  # no action failed: time was up, somebody stopped it, or nothing was left to serve it with
@@ -18,7 +19,7 @@ PROCESS = "process"  # the mission left no result
 
 @dataclass(frozen=True, kw_only=True)
 class Failure:
-    """A plant that does not hang or is counted wrongly, or a mission without a result (`plant` empty).
+    """A plant that does not hang or is counted wrongly; without `plant`, a dispenser that is, or a broken mission.
 
     Attributes:
         action, reason, detail: what failed last before the robot gave it up.
@@ -38,7 +39,7 @@ class Failure:
     replay: str
 
 
-def failures_of(runs: Iterable[RunData], broken: Iterable[Job], folder: Path) -> list[Failure]:
+def failures_of(runs: Sequence[RunData], broken: Iterable[Job], folder: Path) -> list[Failure]:
     """Every failure of a campaign in `folder`, by seed."""
     found = [
         _plant_failure(run, plant, folder)
@@ -46,6 +47,7 @@ def failures_of(runs: Iterable[RunData], broken: Iterable[Job], folder: Path) ->
         for plant in run.plants
         if not plant.hanging or not plant.agrees
     ]
+    found += [_lost_failure(run, folder) for run in runs if lost_unnoticed(run.result)]
     found += [_process_failure(job) for job in broken]
     return sorted(found, key=lambda failure: failure.seed)
 
@@ -78,6 +80,24 @@ def _cause(plant: PlantRun, mission_detail: str) -> tuple[str, str, str, float, 
     if plant.reason in ("time_limit", "aborted", "not_served") or not last:
         return MISSION, plant.reason or "unknown", mission_detail, plant.end_s, plant.last_picture
     return last[0].action, last[0].reason, last[0].detail, last[0].time_s, last[0].picture
+
+
+def _lost_failure(run: RunData, folder: Path) -> Failure:
+    result, last = run.result, run.plants[-1]
+    wrong = misplaced(result["places"], true_places(result["truth"])) if "places" in result else {}
+    counted = ", ".join(f"{number} at {place}" for place, number in wrong.items() if place != "lost")
+    return Failure(
+        seed=run.job.seed,
+        plant="",
+        mode="",
+        conditions=run.conditions,
+        action=ACCOUNT,
+        reason="lost unnoticed",
+        detail=f"lies on the ground, but is counted elsewhere: {counted}",
+        time_s=float(result["sim_time_s"]),
+        picture=(run.job.folder.relative_to(folder) / last.last_picture).as_posix() if last.last_picture else "",
+        replay=run.job.replay,
+    )
 
 
 def _process_failure(job: Job) -> Failure:

@@ -32,11 +32,12 @@ class ActionFailure:
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
-    """What the robot said when it looked, and what was so."""
+    """What the robot said when it looked, and what was so; `level_right` where it also named the topmost level."""
 
     name: str
     said: bool
     true: bool
+    level_right: bool | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,8 +176,19 @@ def _nearest(pictures: Sequence[Mapping[str, Any]], time_s: float) -> str:
 
 def _checks(said: Sequence[Mapping[str, Any]], witnessed: Sequence[Mapping[str, Any]]) -> tuple[Check, ...]:
     """Each look of the robot at which the referee noted what was so, found by name and time."""
-    noted = {(truth["check"], round(truth["time_s"], 3)): truth["true"] for truth in witnessed}
+    noted = {(truth["check"], round(truth["time_s"], 3)): truth for truth in witnessed if truth["true"] is not None}
     pairs = [(event, noted.get((event["check"], round(event["t"], 3)))) for event in said]
     return tuple(
-        Check(name=event["check"], said=bool(event["value"]), true=true) for event, true in pairs if true is not None
+        Check(
+            name=event["check"],
+            said=bool(event["value"]),
+            true=truth["true"],
+            level_right=_level_right(event.get("level"), truth.get("level")),
+        )
+        for event, truth in pairs
+        if truth is not None
     )
+
+
+def _level_right(said: int | None, true: int | None) -> bool | None:
+    return None if said is None or true is None else said == true

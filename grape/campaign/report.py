@@ -7,16 +7,15 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+from grape.campaign.failures import PROCESS
 from grape.campaign.reading import RunData
 from grape.mission.page import document, none, number, picture, section, table, tiles
 from grape.mission.svg import interval_chart
+from grape.proof import wilson95
 
 MAX_FAILURES = 60
-CHECKS = {
-    "feeder": "holds the feeder a dispenser?",
-    "grasp": "is a dispenser on the hand?",
-    "deployment": "does one hang on the plant?",
-}
+MAX_LINKS = 8
+SHORT_S = 0.05  # actions that never take longer are not shown
 
 
 def campaign_page(summary: Mapping[str, Any], runs: Sequence[RunData], folder: Path) -> str:
@@ -82,16 +81,18 @@ def _rates(summary: Mapping[str, Any]) -> str:
 
 
 def _groups(summary: Mapping[str, Any]) -> str:
-    rows = []
+    rows, anything_else = [], any(group["varied"] for group in summary["groups"])
     for group in summary["groups"]:
         varied = ", ".join(f"{key} {value}" for key, value in group["varied"].items())
-        conditions = [group["mode"], group["style"], group["light"], group["arm_errors"], varied]
+        conditions = [group["mode"], group["style"], group["light"], group["arm_errors"]]
+        conditions += [varied] if anything_else else []
         rows.append(
             [escape("" if value is None else _words(value)) for value in conditions]
             + [f"{group['hanging']} of {group['n']}", percent(group["rate"]), interval(group["wilson95"])]
             + [number(group["cycle_s_median"], 1, " s")]
         )
-    head = ["mode", "style", "light", "arm errors", "else", "hang", "rate", "95 % interval", "cycle, median"]
+    head = ["mode", "style", "light", "arm errors", *(["else"] if anything_else else [])]
+    head += ["hang", "rate", "95 % interval", "cycle, median"]
     return table(head, rows) if rows else ""
 
 
@@ -101,37 +102,53 @@ def _checks(summary: Mapping[str, Any]) -> str:
     rows = []
     for name, cells in summary["checks"].items():
         tp, fp, tn, fn = (cells[cell] for cell in ("tp", "fp", "tn", "fn"))
-        rates = [f"{wrong} of {n}" if n else "–" for wrong, n in ((fp, tp + fp), (fn, tn + fn))]
-        question = f"<b>{escape(name)}</b>: {escape(CHECKS.get(name, ''))}"
-        rows.append([question, *(str(cell) for cell in (tp, fp, tn, fn)), *rates])
-    head = ["check", "said yes, was so", "said yes, was not", "said no, was not", "said no, was so"]
+        numbers = [str(cell) for cell in (tp, fp, tn, fn)]
+        meaning = f"<b>{escape(name)}</b>: {escape(cells['positive'])}"
+        rows.append([meaning, *numbers, _wrong(fp, tp + fp), _wrong(fn, tn + fn)])
+        if "level_right" in cells:
+            right, wrong = cells["level_right"], cells["level_wrong"]
+            meaning = f"<b>{escape(name)}</b>: this level is on top"
+            rows.append([meaning, str(right), str(wrong), "", "", _wrong(wrong, right + wrong), ""])
+    head = ["a yes means", "said yes, was so", "said yes, was not", "said no, was not", "said no, was so"]
     return table([*head, "wrong yes", "wrong no"], rows)
 
 
+def _wrong(wrong: int, said: int) -> str:
+    return f"{wrong} of {said} ({interval(wilson95(wrong, said))})" if said else "–"
+
+
 def _taxonomy(summary: Mapping[str, Any]) -> str:
-    rows = [
-        [escape(row["action"]), escape(_words(row["reason"])), str(row["times"]), str(row["plants"])]
-        for row in summary["taxonomy"]
-    ]
+    cards = list(enumerate(summary["failures"][:MAX_FAILURES]))
+    rows = []
+    for row in summary["taxonomy"]:
+        seen = [
+            f'<a href="#failure{k}">{failure["seed"]} {escape(failure["plant"])}</a>'
+            for k, failure in cards
+            if (failure["action"], failure["reason"]) == (row["action"], row["reason"])
+        ]
+        more = " …" if len(seen) > MAX_LINKS else ""
+        cells = [escape(row["action"]), escape(_words(row["reason"])), str(row["times"]), str(row["plants"])]
+        rows.append([*cells, ", ".join(seen[:MAX_LINKS]) + more])
     note = '<p class="sub">How often an action failed, and how many plants that cost in the end.</p>'
-    return note + table(["action", "reason", "times", "cost"], rows) if rows else none("nothing")
+    return note + table(["action", "reason", "times", "cost", "seed and plant"], rows) if rows else none("nothing")
 
 
 def _failures(summary: Mapping[str, Any], folder: Path) -> str:
-    cards = [_failure(failure, folder) for failure in summary["failures"][:MAX_FAILURES]]
+    cards = [_failure(k, failure, folder) for k, failure in enumerate(summary["failures"][:MAX_FAILURES])]
     left = len(summary["failures"]) - len(cards)
     more = f'<p class="sub">{left} more in campaign.json</p>' if left > 0 else ""
     return "".join(cards) + more or none("none")
 
 
-def _failure(failure: Mapping[str, Any], folder: Path) -> str:
+def _failure(k: int, failure: Mapping[str, Any], folder: Path) -> str:
     at = f" at {failure['time_s']:.1f} s" if failure["time_s"] is not None else ""
-    where = f"{failure['plant']} ({_words(failure['mode'])}){at}" if failure["plant"] else "the mission's process"
+    alone = "the mission's process" if failure["action"] == PROCESS else "the account of dispensers"
+    where = f"{failure['plant']} ({_words(failure['mode'])}){at}" if failure["plant"] else alone
     known = {key: value for key, value in failure["conditions"].items() if value is not None}
     conditions = ", ".join(f"{_words(key)} {value}" for key, value in known.items())
     shown = picture(folder / failure["picture"], failure["picture"]) if failure["picture"] else ""
     return (
-        f'<div class="servo pair"><div><h3>seed {failure["seed"]}, {escape(where)}</h3>'
+        f'<div class="servo pair" id="failure{k}"><div><h3>seed {failure["seed"]}, {escape(where)}</h3>'
         f"<p><b>{escape(failure['action'])}</b>: {escape(_words(failure['reason']))}</p>"
         f"<p>{escape(failure['detail'])}</p><p class='sub'>{escape(conditions)}</p>"
         f"<pre>{escape(failure['replay'])}</pre></div><div>{shown}</div></div>"
@@ -142,6 +159,7 @@ def _phases(summary: Mapping[str, Any]) -> str:
     rows = [
         [_words(row["mode"]), escape(row["phase"]), str(row["n"]), f"{row['median_s']:.1f} s", f"{row['p90_s']:.1f} s"]
         for row in summary["phases"]
+        if row["p90_s"] >= SHORT_S
     ]
     return table(["mode", "action", "n", "median", "90 %"], rows) if rows else none("nothing ran")
 

@@ -11,9 +11,15 @@ from grape import __version__
 from grape.campaign.failures import Failure, taxonomy
 from grape.campaign.plan import Job, Plan
 from grape.campaign.reading import CONDITIONS, Check, PlantRun, RunData
+from grape.mission.result import lost_unnoticed
 from grape.proof import wilson95
 
 SCHEMA = "grape.campaign/1"
+POSITIVE = {
+    "feeder": "a dispenser is in the feeder",
+    "grasp": "a dispenser is on the hand",
+    "deployment": "a dispenser hangs on the plant",
+}  # what a yes of each check means
 
 
 def build_summary(
@@ -41,11 +47,8 @@ def build_summary(
         "by": {name: _by(plants, name) for name in ("mode", *_condition_names(plants))},
         "account_agreement": agreeing / len(plants) if plants else None,
         "account_agreement_wilson95": _rounded(wilson95(agreeing, len(plants))),
-        "lost_unnoticed": sum(
-            max(0, truth.get("dropped", 0) - run.result["dispensers"]["lost"])
-            for run, truth in zip(runs, truths, strict=True)
-        ),
-        "checks": _confusion([check for run in runs for check in run.checks]),
+        "lost_unnoticed": sum(lost_unnoticed(run.result) for run in runs),
+        "checks": confusion([check for run in runs for check in run.checks]),
         "max_plant_force_n": max((truth.get("max_plant_force_n", 0.0) for truth in truths), default=None),
         "collisions": sum(len(truth.get("collisions", ())) for truth in truths),
         "fence_crossings": sum(truth.get("fence_crossings", 0) for truth in truths),
@@ -107,12 +110,22 @@ def _by(plants: Sequence[PlantRun], name: str) -> list[dict[str, Any]]:
     return [{"value": value, **success(group)} for value, group in sorted(members.items())]
 
 
-def _confusion(checks: Sequence[Check]) -> dict[str, dict[str, int]]:
-    """What the robot said against what was so: true and false positives and negatives."""
-    tables: dict[str, dict[str, int]] = {}
+def confusion(checks: Iterable[Check]) -> dict[str, dict[str, Any]]:
+    """What the robot said against what was so, by check.
+
+    Returns:
+        `positive`: what a yes means; `tp`, `fp` (it said yes and was wrong), `tn`, `fn`; where it also named the level
+        on top in the feeder, how often that was `level_right` and `level_wrong`.
+    """
+    tables: dict[str, dict[str, Any]] = {}
     for check in checks:
-        cell = ("t" if check.said == check.true else "f") + ("p" if check.said else "n")
-        tables.setdefault(check.name, {"tp": 0, "fp": 0, "tn": 0, "fn": 0})[cell] += 1
+        empty = {"positive": POSITIVE.get(check.name, "yes"), "tp": 0, "fp": 0, "tn": 0, "fn": 0}
+        table = tables.setdefault(check.name, empty)
+        table[("t" if check.said == check.true else "f") + ("p" if check.said else "n")] += 1
+        if check.level_right is not None:
+            for name in ("level_right", "level_wrong"):
+                table.setdefault(name, 0)
+            table["level_right" if check.level_right else "level_wrong"] += 1
     return tables
 
 

@@ -1,4 +1,4 @@
-"""One process at a time in a run folder."""
+"""One process at a time in the folder of a run or a campaign."""
 
 from __future__ import annotations
 
@@ -11,11 +11,15 @@ from grape.errors import InvalidInput
 LOCK_FILE = "run.lock"
 
 
+class FolderBusy(InvalidInput):
+    """Another process works in a folder."""
+
+
 class RunLock:
-    """Held while a mission runs in a folder; the system lets go of it when the process dies.
+    """Held while a mission or a campaign runs in a folder; the system lets go of it when the process dies.
 
     Raises:
-        InvalidInput: another process holds it.
+        FolderBusy: another process holds it.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -24,7 +28,7 @@ class RunLock:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             self._file.close()
-            raise InvalidInput(f"{folder}: another process runs this mission; wait for it, or end it first") from error
+            raise FolderBusy(f"{folder}: another process runs this mission; wait for it, or end it first") from error
 
     def __enter__(self) -> RunLock:
         return self

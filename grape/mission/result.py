@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from grape.mission.record import plain, write_atomic
 from grape.mission.runner import Finding
 
 SCHEMA = "grape.result/1"
+STILL_THERE_S = 0.1  # a drive that took no longer: the base had not moved since an interruption
 SERVO_KEYS = ("action", "converged", "reason", "error_px", "iterations")
 ENDED = ("succeeded", "aborted", "preempted", "rejected")
 
@@ -25,7 +26,7 @@ class PlantRecord:
 
     Attributes:
         phases_s: seconds by action name.
-        arrived_s, retracted_s: when the base stood, and when the arm was back.
+        arrived_s, retracted_s: when the base stood, also before an interruption, and when the arm was back.
         servo: one entry for each servo run, converged or not.
     """
 
@@ -63,7 +64,8 @@ def _add_action(record: PlantRecord, event: dict[str, Any]) -> None:
     name, start, end = str(event["name"]), float(event["start"]), float(event["end"])
     record.phases_s[name] = round(record.phases_s.get(name, 0.0) + end - start, 3)
     if event["status"] == "succeeded" and name == "DriveToPlant":
-        record.arrived_s = end
+        if record.arrived_s is None or end - start > STILL_THERE_S:
+            record.arrived_s = end
     elif event["status"] == "succeeded" and name == "Retract":
         record.retracted_s = end
 
@@ -112,6 +114,7 @@ def build_result(
         "sessions": 1 + sum(event["kind"] == "mission_resumed" for event in events),
         "plants": [_plant(task, records.get(task.plant, PlantRecord())) for task in tasks],
         "dispensers": ledger.account(),
+        "places": dict(ledger.dispensers()),
         "truth": plain((verdict or {}).get("truth")),
         "localization": {key: _rounded(value) for key, value in localization.items()},
         "navigation": {"distance_m": round(finding.track.distance_m, 2), "recoveries": recoveries},
@@ -134,6 +137,36 @@ def _plant(task: Any, record: PlantRecord) -> dict[str, Any]:
 
 def _rounded(value: float | None) -> float | None:
     return None if value is None else round(float(value), 4)
+
+
+def true_places(truth: Mapping[str, Any]) -> dict[str, int]:
+    """Where the referee has seen dispensers, under the names of the robot's account: what is dropped is lost.
+
+    Those that are not in play yet do not count.
+    """
+    places = {place: number for place, number in truth["places"].items() if place != "stock"}
+    return {"lost" if place == "dropped" else place: number for place, number in places.items()}
+
+
+def misplaced(account: Mapping[str, int], seen: Mapping[str, int]) -> dict[str, int]:
+    """Dispensers that the account has at a place where they are not, by place.
+
+    Args:
+        account, seen: dispensers by place; what is missing is 0.
+    """
+    surplus = {place: number - seen.get(place, 0) for place, number in account.items()}
+    return {place: number for place, number in surplus.items() if number > 0}
+
+
+def lost_unnoticed(result: Mapping[str, Any]) -> int:
+    """Dispensers on the ground that the robot's account has in the feeder, in the hand or on a plant."""
+    truth = result["truth"]
+    if not truth:
+        return 0
+    if "places" not in truth:  # an earlier version told numbers alone
+        return max(0, int(truth["dropped"]) - int(result["dispensers"]["lost"]))
+    wrong = misplaced(result["places"], true_places(truth))
+    return min(int(truth["dropped"]), sum(number for place, number in wrong.items() if place != "lost"))
 
 
 def write_result(result: dict[str, Any], folder: Path) -> None:

@@ -13,7 +13,7 @@ from grape.actions.account import RESUMED
 from grape.actions.core import Context, InlineJobs, Outcome, Status
 from grape.clock import Clock, MonotonicClock
 from grape.drivers import Drivers
-from grape.errors import Reason
+from grape.errors import GrapeError, Reason
 from grape.messages import Odometry
 from grape.mission.file import Mission
 from grape.mission.ledger import SqliteLedger
@@ -26,6 +26,8 @@ from grape.world import World
 STOPPING_S = 1.0  # simulated after the end, so that the robot stands when the referee looks
 TRACK_PERIOD_S = 0.2
 PROGRESS_PERIOD_S = 0.25  # of the wall clock
+ASKED_S = 0.05  # an action that fails sooner was a question, and "no" is its answer
+LOOKS = ("check", "settled")  # events after which the referee notes where the dispensers are
 
 
 class Referee(Protocol):
@@ -116,8 +118,10 @@ class Runner:
         self._cancelled = cancelled
         self._on_progress = on_progress
         self._on_beat = on_beat
+        self._live = False  # while events of earlier sessions are shown
         self._tracker = ProgressTracker([plant.plant for plant in mission.plants])
         self.log = RunRecorder(folder, backend.clock, observer=self._see, resume=resume)
+        self._live = True
         self._track = Track(folder / "track.csv")
         self._earlier_s = self._track.wall_s
         self.ledger = _ledger(mission, folder / "ledger.sqlite", resume, facts or {})
@@ -172,8 +176,21 @@ class Runner:
     def _see(self, event: dict[str, Any]) -> None:
         """Follow the robot's account; whenever it has looked, let the referee note what was so."""
         self._tracker.observe(event)
-        if self._referee is not None and event["kind"] == "check":
-            self._referee.witness(str(event["check"]), self._tracker.plant)
+        if not self._live:
+            return
+        if self._referee is not None and event["kind"] in LOOKS:
+            self._referee.witness(str(event.get("check", event["kind"])), self._tracker.plant)
+        if event["kind"] == "action" and event["status"] == "aborted" and event["end"] - event["start"] > ASKED_S:
+            self._keep_view(f"failed_{event['name']}")
+
+    def _keep_view(self, name: str) -> None:
+        """What the camera sees now, for a person who asks why something failed."""
+        try:
+            image = self.context.camera.latest(max_age_s=1.0)
+        except GrapeError as error:
+            self.log.event("no_picture", name=name, error=str(error))
+        else:
+            self.log.picture(name, image.bgr)
 
     def _take_up(self) -> None:
         """Go on where a kill or Ctrl-C has ended an earlier session."""

@@ -22,10 +22,11 @@ from grape.proving.folders import open_folder
 from grape.proving.show import figure, live_progress, verdict
 
 SCHEMA = "grape.reproduce/1"
+DONE, STOPPED = 0, 130
 
 
-def reproduce_command(row: str, seeds: str | None, out: Path | None) -> None:
-    """Run an experiment as `grape reproduce` does.
+def reproduce_command(row: str, seeds: str | None, out: Path | None) -> int:
+    """Run an experiment as `grape reproduce` does; returns the exit code.
 
     Raises:
         GrapeError: no such row, malformed seeds, or a folder that cannot be used.
@@ -35,12 +36,12 @@ def reproduce_command(row: str, seeds: str | None, out: Path | None) -> None:
     folder = open_folder(out, f"reproduce-{experiment.row}")
     console = Console()
     console.print(f"[bold]{experiment.row}[/] on seeds {span(chosen)}: {plain(experiment.summary)}", highlight=False)
+    stopped = f"stopped; `grape reproduce {experiment.row} --seeds {span(chosen)} --out {folder}` goes on"
     try:
         with live_progress(console) as progress:
             proof = experiment.run(chosen, folder, progress)
     except KeyboardInterrupt:
-        command = f"grape reproduce {experiment.row} --seeds {span(chosen)} --out {folder}"
-        console.print(f"stopped; `{command}` goes on", highlight=False, soft_wrap=True)
+        console.print(stopped, markup=False, highlight=False, soft_wrap=True)
         raise
     write_atomic(folder / "reproduce.json", as_json(experiment, chosen, proof))
     write_atomic(folder / "reproduce.html", page(experiment, chosen, proof))
@@ -48,6 +49,9 @@ def reproduce_command(row: str, seeds: str | None, out: Path | None) -> None:
     for note in proof.notes:
         console.print(f"- {note}", markup=False, highlight=False)
     console.print(f"written: {folder / 'reproduce.json'}, reproduce.html", highlight=False, soft_wrap=True)
+    if not proof.complete:
+        console.print(stopped, markup=False, highlight=False, soft_wrap=True)
+    return DONE if proof.complete else STOPPED
 
 
 def experiment_of(row: str) -> Experiment:
@@ -80,6 +84,7 @@ def as_json(experiment: Experiment, seeds: range, proof: Proof) -> str:
         "summary": experiment.summary,
         "grape": __version__,
         "seeds": span(seeds),
+        "complete": proof.complete,
         "quantities": [_as_json(quantity) for quantity in proof.quantities],
         "notes": list(proof.notes),
     }
@@ -108,9 +113,10 @@ def _finite(value: float | None) -> float | None:
 def page(experiment: Experiment, seeds: range, proof: Proof) -> str:
     """The text of reproduce.html: one page that needs no other file."""
     command = f"grape reproduce {experiment.row} --seeds {span(seeds)}"
+    stopped = "" if proof.complete else " · stopped before its end"
     header = (
         f"<header><h1>{escape(experiment.row)}</h1><p>{escape(experiment.summary)}</p>"
-        f'<p class="sub">{escape(command)} · grape {__version__}</p></header>'
+        f'<p class="sub">{escape(command)} · grape {__version__}{stopped}</p></header>'
     )
     notes = "".join(f"<p>{escape(note)}</p>" for note in proof.notes)
     rows = [[escape(cell) for cell in _cells(quantity)] + [_badge(quantity)] for quantity in proof.quantities]

@@ -14,6 +14,7 @@ from grape.tasks.dispenser.actions.approach_spur import approach_spur
 from grape.tasks.dispenser.actions.check_deployment import check_deployment
 from grape.tasks.dispenser.actions.check_feeder import check_feeder
 from grape.tasks.dispenser.actions.check_grasp import check_grasp
+from grape.tasks.dispenser.actions.check_hand import check_hand
 from grape.tasks.dispenser.actions.drive_to_plant import drive_to_plant
 from grape.tasks.dispenser.actions.find_deployment_points import find_deployment_points
 from grape.tasks.dispenser.actions.finish_plant import finish_plant
@@ -33,6 +34,7 @@ from grape.tasks.dispenser.actions.withdraw_hand import withdraw_hand
 from grape.tasks.dispenser.conditions import (
     dispensers_left,
     interrupted,
+    is_deployed,
     mode_is,
     reason_is_one_of,
     remembers_targets,
@@ -47,6 +49,7 @@ TASK = Task(
         check_deployment,
         check_feeder,
         check_grasp,
+        check_hand,
         drive_to_plant,
         drive_to_pose,
         find_deployment_points,
@@ -69,7 +72,7 @@ TASK = Task(
         wait_for_localization,
         withdraw_hand,
     ),
-    conditions=(dispensers_left, interrupted, mode_is, reason_is_one_of, remembers_targets),
+    conditions=(dispensers_left, interrupted, is_deployed, mode_is, reason_is_one_of, remembers_targets),
     trees={"dispenser_deployment": Path(grape.trees.__file__).with_name("dispenser_deployment.xml")},
     missions={path.stem: path for path in sorted((Path(__file__).parent / "missions").glob("*.yaml"))},
 )

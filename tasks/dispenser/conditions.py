@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from grape.actions.account import RESUMED
-from grape.actions.core import Context, condition
+from grape.actions.core import Context, Outcome, condition
 from grape.tasks.dispenser.actions.next_target import remembered
 
 
@@ -47,6 +47,19 @@ def dispensers_left(goal: DispensersLeftGoal, ctx: Context) -> bool:
     """Whether the feeder or the hand still holds a dispenser, by the robot's own account."""
     places = ctx.ledger.dispensers()
     return places.get("hand", 0) > 0 or (places.get("feeder", 0) > 0 and not ctx.world.committed.get("feeder_empty"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class IsDeployedGoal:
+    """Attributes: plant: id in the site file."""
+
+    plant: str
+
+
+@condition("IsDeployed")
+def is_deployed(goal: IsDeployedGoal, ctx: Context) -> bool:
+    """Whether a plant is finished as deployed, by the robot's own account."""
+    return any(task.plant == goal.plant and task.outcome is Outcome.DEPLOYED for task in ctx.ledger.plants())
 
 
 @dataclass(frozen=True, kw_only=True)

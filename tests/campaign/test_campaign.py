@@ -13,9 +13,12 @@ import pytest
 from paper_campaign import PaperEngine, write_run
 
 from grape import cli
-from grape.campaign.command import run_campaign
-from grape.campaign.plan import Job, make_plan
-from grape.campaign.reading import read_run
+from grape.campaign.command import read_campaign, run_campaign
+from grape.campaign.plan import Job, make_jobs, make_plan
+from grape.campaign.reading import Check, read_run
+from grape.campaign.summary import confusion
+from grape.errors import InvalidInput
+from grape.mission.lock import RunLock
 
 PLAN = make_plan("dispenser_deployment", [], ["world.style=cordon,gobelet", "world.slope=0.03,0.1"])
 
@@ -66,14 +69,28 @@ def test_the_robots_account_is_held_against_the_referee(summary: Any) -> None:
     assert summary["lost_unnoticed"] == 1
     assert summary["max_plant_force_n"] == 4.0
     assert summary["checks"] == {
-        "grasp": {"tp": 3, "fp": 0, "tn": 0, "fn": 1},
-        "feeder": {"tp": 0, "fp": 0, "tn": 1, "fn": 0},
-        "deployment": {"tp": 0, "fp": 1, "tn": 0, "fn": 0},
+        "grasp": {"positive": "a dispenser is on the hand", "tp": 3, "fp": 0, "tn": 0, "fn": 1},
+        "feeder": {"positive": "a dispenser is in the feeder", "tp": 0, "fp": 0, "tn": 1, "fn": 0},
+        "deployment": {"positive": "a dispenser hangs on the plant", "tp": 0, "fp": 1, "tn": 0, "fn": 0},
     }
 
 
+def test_the_level_that_the_robot_named_is_judged_beside_its_yes() -> None:
+    looks = [(True, True, True), (True, True, True), (True, True, False), (True, False, None), (False, False, None)]
+    (table,) = confusion(Check(name="feeder", said=s, true=t, level_right=r) for s, t, r in looks).values()
+    assert (table["tp"], table["fp"], table["tn"], table["fn"]) == (3, 1, 1, 0)
+    assert (table["level_right"], table["level_wrong"]) == (2, 1)
+
+
+def test_a_named_level_is_held_against_the_level_that_the_referee_saw(folder: Path) -> None:
+    (job,) = make_jobs(PLAN, range(1), folder)
+    write_run(job, checks=(("feeder", True, True), ("feeder", True, True)), levels=((6, 6), (6, 5)))
+    run = read_run(job, job.result() or {})
+    assert [check.level_right for check in run.checks] == [True, False]
+
+
 def test_failures_have_a_cause_a_picture_and_a_command(summary: Any) -> None:
-    no_spur, miscount = summary["failures"]
+    no_spur, miscount, lost = summary["failures"]
     assert (no_spur["action"], no_spur["reason"], no_spur["time_s"]) == (
         "FindDeploymentPoints", "no_deployment_point", 30.0,
     )  # fmt: skip
@@ -82,9 +99,12 @@ def test_failures_have_a_cause_a_picture_and_a_command(summary: Any) -> None:
         "grape run dispenser_deployment --seed 1 --set world.style=cordon --set world.slope=0.1"
     )
     assert (miscount["plant"], miscount["action"]) == ("r0n0", "account")
+    assert (lost["plant"], lost["action"], lost["reason"]) == ("", "account", "lost unnoticed")
+    assert "1 at r0n0" in lost["detail"]
     assert summary["taxonomy"] == [
         {"action": "FindDeploymentPoints", "reason": "no_deployment_point", "times": 2, "plants": 1},
         {"action": "account", "reason": "counted but does not hang", "times": 1, "plants": 1},
+        {"action": "account", "reason": "lost unnoticed", "times": 1, "plants": 1},
         {"action": "ServoToSpur", "reason": "feature_lost", "times": 1, "plants": 0},
     ]
 
@@ -117,6 +137,16 @@ def test_finished_missions_are_read_and_unfinished_ones_run_again(folder: Path) 
     done = run_campaign(PLAN, range(3), folder, engine)
     assert engine.started == [1, 2] and engine.stopped
     assert done.summary["missions"] == 3
+
+
+def test_what_is_done_can_be_read_while_another_process_runs_the_rest(folder: Path) -> None:
+    run_campaign(PLAN, range(2), folder, PaperEngine(write_run))
+    engine = PaperEngine(write_run)
+    with RunLock(folder), pytest.raises(InvalidInput, match="another process"):
+        run_campaign(PLAN, range(8), folder, engine)
+    assert engine.started == []
+    assert read_campaign(PLAN, range(8), folder).summary["missions"] == 2
+    assert read_campaign(PLAN, range(8), folder / "nothing").summary["total"]["n"] == 0
 
 
 def test_a_finished_campaign_needs_no_engine(folder: Path) -> None:

@@ -15,6 +15,7 @@ from grape.mission.file import load_mission
 from grape.mission.launch import write_inputs
 
 PLANTS = (("r0v1", "plant"), ("r0n0", "nail"))
+OPEN_LOOP = (("r0v1", "plant_open_loop"),)
 
 
 def write_run(
@@ -24,6 +25,7 @@ def write_run(
     hanging: tuple[str, ...] = ("r0v1", "r0n0"),
     failures: tuple[tuple[str, str, str, float], ...] = (),
     checks: tuple[tuple[str, bool, bool], ...] = (("grasp", True, True),),
+    levels: tuple[tuple[int, int], ...] = (),
     dropped: int = 0,
     status: str = "succeeded",
 ) -> None:
@@ -33,6 +35,7 @@ def write_run(
         outcomes: reason by plant that is skipped.
         failures: plant, action, reason, time.
         checks: name, what the robot said, what was so.
+        levels: what the robot said of the feeder's top and what was so, for the first checks.
     """
     outcomes = outcomes or {}
     shutil.rmtree(job.folder, ignore_errors=True)
@@ -41,7 +44,8 @@ def write_run(
     (job.folder / "pictures").mkdir()
     cv2.imwrite(str(job.folder / "pictures/001_grasp.png"), np.full((48, 64, 3), 90, np.uint8))
     events: list[dict[str, Any]] = []
-    for k, (plant, mode) in enumerate(PLANTS):
+    plants = OPEN_LOOP if any("plant_open_loop" in setting for setting in job.settings) else PLANTS
+    for k, (plant, mode) in enumerate(plants):
         t = 10.0 + 50.0 * k
         events.append({"t": t, "kind": "plant_started", "plant": plant, "mode": mode})
         events.append({"t": t + 5, "kind": "picture", "name": "grasp", "file": "pictures/001_grasp.png"})
@@ -51,7 +55,12 @@ def write_run(
             if of == plant
         ]
         events.append({"t": t + 40, "kind": "plant_finished", "plant": plant})
-    events += [{"t": 90.0 + k, "kind": "check", "check": check[0], "value": check[1]} for k, check in enumerate(checks)]
+    said = [{"level": level[0]} for level in levels] + [{}] * len(checks)
+    seen = [{"level": level[1]} for level in levels] + [{}] * len(checks)
+    events += [
+        {"t": 90.0 + k, "kind": "check", "check": check[0], "value": check[1], **said[k]}
+        for k, check in enumerate(checks)
+    ]
     (job.folder / "events.jsonl").write_text("".join(json.dumps(event) + "\n" for event in events))
     result = {
         "mission": "dispenser_deployment",
@@ -61,16 +70,20 @@ def write_run(
         "detail": "",
         "sim_time_s": 100.0,
         "real_time_factor": 1.0,
-        "plants": [_plant(plant, mode, outcomes.get(plant, "")) for plant, mode in PLANTS],
+        "plants": [_plant(plant, mode, outcomes.get(plant, "")) for plant, mode in plants],
         "dispensers": {"loaded": 8, "deployed": 2, "left": 6, "lost": 0, "on_hand": 0},
+        "places": {"feeder": 6, "hand": 0, "lost": 0, **{plant: int(plant not in outcomes) for plant, _ in PLANTS}},
         "truth": {
+            "places": {"feeder": 6, "hand": 0, "dropped": dropped, **{plant: 1 for plant in hanging}},
             "hanging": list(hanging),
             "dropped": dropped,
             "collisions": [],
             "fence_crossings": 0,
             "max_plant_force_n": 1.0 + job.seed,
             "plants": {plant: {"hanging": plant in hanging} for plant, _ in PLANTS},
-            "checks": [{"time_s": 90.0 + k, "check": check[0], "true": check[2]} for k, check in enumerate(checks)],
+            "checks": [
+                {"time_s": 90.0 + k, "check": check[0], "true": check[2], **seen[k]} for k, check in enumerate(checks)
+            ],
         },
         "localization": {"position_rmse_m": 0.01, "yaw_rmse_deg": 0.1, "max_error_m": 0.02},
     }

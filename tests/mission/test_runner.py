@@ -53,12 +53,48 @@ def test_the_referee_is_told_of_every_look_and_of_nothing_else(make_runner: Make
             context.log.event("plant_started", plant="r0n0", mode="nail")
             context.log.event("check", check="grasp", value=True)
             context.log.event("scan", plant="r0n0")
+            context.log.event("settled", step="grasp")
         return Status.SUCCEEDED if ticks == 2 else None
 
     runner, _ = make_runner(script)
     runner.run()
     runner.close()
-    assert backend.witnessed == [("grasp", "r0n0")]
+    assert backend.witnessed == [("grasp", "r0n0"), ("settled", "r0n0")]
+
+
+def test_what_the_camera_saw_is_kept_when_an_action_fails_and_not_when_a_question_is_answered(
+    make_runner: Make, backend: Any
+) -> None:
+    backend.buffers["camera"].messages = [SimpleNamespace(stamp=0.0, bgr=np.zeros((4, 4, 3), np.uint8))]
+
+    def script(context: Context, ticks: int) -> Status | None:
+        for name, start, status in (("Servo", 0.0, "aborted"), ("Servo", 0.0, "succeeded"), ("Holds", 0.99, "aborted")):
+            context.log.event("action", name=name, status=status, start=start, end=1.0, reason="x", detail="")
+        return Status.SUCCEEDED
+
+    runner, _ = make_runner(script)
+    runner.run()
+    runner.close()
+    events = list(read_events(runner.log._folder / "events.jsonl"))
+    assert [event["name"] for event in events if event["kind"] == "picture"] == ["failed_Servo"]
+    assert (runner.log._folder / "pictures/001_failed_Servo.png").is_file()
+
+
+def test_a_resumed_mission_does_not_look_again_at_what_was_looked_at(make_runner: Make, backend: Any) -> None:
+    def script(context: Context, ticks: int) -> Status | None:
+        context.log.event("check", check="grasp", value=True)
+        context.log.event("action", name="Servo", status="aborted", start=0.0, end=1.0, reason="x", detail="")
+        return Status.SUCCEEDED
+
+    runner, _ = make_runner(script)
+    runner.run()
+    runner.close()
+    assert len(backend.witnessed) == 1
+    again, _ = make_runner(lambda context, ticks: Status.SUCCEEDED, folder=runner.log._folder, resume=True)
+    again.close()
+    assert len(backend.witnessed) == 1
+    events = list(read_events(runner.log._folder / "events.jsonl"))
+    assert [event["kind"] for event in events if "picture" in event["kind"]] == ["no_picture"]
 
 
 def test_a_mission_ends_when_its_tree_ends_and_the_robot_stands(make_runner: Make, backend: Any) -> None:

@@ -113,7 +113,23 @@ def test_what_was_so_at_a_look_of_the_robot_is_remembered(simulate):
     looks = truth(simulation)["checks"]
     assert [look["true"] for look in looks] == [True, False, False, None, False, True, False]
     assert (looks[0]["in_feeder"], looks[5]["in_feeder"], looks[5]["hanging"]) == (1, 0, True)
+    assert [look["level"] for look in looks] == [0, 0, 0, 0, None, None, None]
+    assert looks[0]["places"] == {"dropped": 0, "feeder": 1, "hand": 0}
+    assert looks[5]["places"] == {"dropped": 0, "feeder": 0, "hand": 0, nail.id: 1} == truth(simulation)["places"]
     assert looks[5]["time_s"] == pytest.approx(simulation.clock.now()) and looks[5]["plant"] == nail.id
+
+
+def test_the_level_on_top_is_that_of_the_highest_loop_in_the_feeder(simulate):
+    simulation = simulate(dispensers=4)
+    referee = simulation.referee
+    beats(simulation, 20)
+    referee.witness("feeder", "")
+    for index in (3, 1):
+        simulation.inject(DropDispenser(index=index))
+        beats(simulation, 20)
+        referee.witness("feeder", "")
+    looks = truth(simulation)["checks"]
+    assert [(look["level"], look["in_feeder"]) for look in looks] == [(3, 4), (2, 3), (2, 2)]
 
 
 def test_driving_into_a_post_is_a_collision_with_its_force_and_time(simulate):

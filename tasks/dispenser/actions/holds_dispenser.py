@@ -6,9 +6,11 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.looking import vote
+from grape.actions.looking import Ballot, vote
 from grape.errors import ActionFailed, Reason
+from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
 from grape.tasks.dispenser.perception.wings import held
+from grape.tasks.dispenser.targets import HangTarget
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,10 +25,48 @@ def holds_dispenser(goal: HoldsDispenserGoal, ctx: Context) -> Generator[Feedbac
     """Succeeds when the ledger says that the hand holds a dispenser and the camera agrees; else it was lost."""
     if ctx.ledger.dispensers().get("hand", 0) == 0:
         raise ActionFailed(Reason.GRASP_FAILED, "nothing was grasped yet")
-    ballot = yield from vote(
-        ctx, lambda image: held(image).ballot, frames=goal.frames, status="checking what the hand holds"
-    )
+    ballot = yield from look_at_hand(ctx, goal.frames)
     if not ballot.value:
-        ctx.ledger.move_dispenser("hand", "lost")
+        yield from account_for_fallen(ctx)
         raise ActionFailed(Reason.DISPENSER_FALLEN, ballot.reason)
     return NoResult()
+
+
+def look_at_hand(ctx: Context, frames: int) -> Generator[Feedback, None, Ballot]:
+    """Lets camera frames vote whether the nails hold a dispenser.
+
+    Raises:
+        ActionFailed: STALE_DATA when the camera stops.
+    """
+    ballot = yield from vote(
+        ctx, lambda image: held(image).ballot, frames=frames, status="checking what the hand holds"
+    )
+    ctx.log.event("check", check="grasp", value=ballot.value, yes=ballot.yes, no=ballot.no, reason=ballot.reason)
+    return ballot
+
+
+def account_for_fallen(ctx: Context) -> Generator[Feedback, None, str]:
+    """What the hand held by the account and does not hold hangs where it was put last, as far as is seen, or is lost.
+
+    Returns:
+        The plant that it hangs on, or nothing.
+    """
+    step = ctx.ledger.last_step()
+    if step is None or step.name not in ("place", "release"):
+        ctx.ledger.move_dispenser("hand", "lost")
+        return ""
+    hangs = yield from hangs_there(ctx, HangTarget(**step.details["target"]))
+    return step.plant if hangs else ""
+
+
+def hangs_there(ctx: Context, target: HangTarget) -> Generator[Feedback, None, bool]:
+    """Whether it hangs; when not, the check itself gives the dispenser back to the hand, or for lost."""
+    if ctx.ledger.dispensers()["hand"]:
+        ctx.ledger.move_dispenser("hand", target.plant)
+    try:
+        yield from check_deployment(CheckDeploymentGoal(target=target), ctx)
+    except ActionFailed as failed:
+        if failed.reason is not Reason.DEPLOYMENT_NOT_CONFIRMED:
+            raise
+        return False
+    return True

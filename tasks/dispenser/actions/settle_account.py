@@ -7,12 +7,9 @@ from dataclasses import dataclass
 
 from grape.actions.account import RESUMED
 from grape.actions.core import Context, Feedback, NoResult, Outcome, action
-from grape.actions.looking import vote
-from grape.errors import ActionFailed, Reason
-from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
 from grape.tasks.dispenser.actions.finish_plant import FinishPlantGoal, finish_plant
+from grape.tasks.dispenser.actions.holds_dispenser import hangs_there, look_at_hand
 from grape.tasks.dispenser.actions.withdraw_hand import release_pending
-from grape.tasks.dispenser.perception.wings import held
 from grape.tasks.dispenser.targets import HangTarget
 
 
@@ -34,39 +31,21 @@ def settle_account(goal: SettleAccountGoal, ctx: Context) -> Generator[Feedback,
     plant = step.plant if step is not None else ""
     hangs = holds = False
     if step is not None and release_pending(ctx, step):
-        hangs = yield from _hangs(ctx, plant, step.details["target"])
+        hangs = yield from hangs_there(ctx, HangTarget(**step.details["target"]))
         holds = ctx.ledger.dispensers()["hand"] > 0
     elif places["hand"] or (step is not None and step.name in ("insert", "grasp")):
-        holds = yield from _holds(goal, ctx)
+        holds = (yield from look_at_hand(ctx, goal.frames)).value
         if holds and not places["hand"]:
             ctx.ledger.move_dispenser("feeder", "hand")
         elif places["hand"] and not holds and step is not None and step.name in ("place", "release"):
-            hangs = yield from _hangs(ctx, plant, step.details["target"])
+            hangs = yield from hangs_there(ctx, HangTarget(**step.details["target"]))
         elif places["hand"] and not holds:
             ctx.ledger.move_dispenser("hand", "lost")
-    ctx.log.event("settled", step=step.name if step else "", plant=plant, hangs=hangs, holds=holds)
+    ctx.log.event(
+        "settled", step=step.name if step else "", plant=plant, hangs=hangs, holds=holds,
+        places=dict(ctx.ledger.dispensers()),
+    )  # fmt: skip
     if hangs:
         yield from finish_plant(FinishPlantGoal(plant=plant, outcome=Outcome.DEPLOYED), ctx)
     ctx.world.committed.pop(RESUMED, None)
     return NoResult()
-
-
-def _holds(goal: SettleAccountGoal, ctx: Context) -> Generator[Feedback, None, bool]:
-    ballot = yield from vote(
-        ctx, lambda image: held(image).ballot, frames=goal.frames, status="checking what the hand holds"
-    )
-    ctx.log.picture("settle", ballot.image.bgr)
-    return ballot.value
-
-
-def _hangs(ctx: Context, plant: str, target: dict[str, object]) -> Generator[Feedback, None, bool]:
-    """Whether it hangs; when not, the check itself gives the dispenser back to the hand, or for lost."""
-    if ctx.ledger.dispensers()["hand"]:
-        ctx.ledger.move_dispenser("hand", plant)
-    try:
-        yield from check_deployment(CheckDeploymentGoal(target=HangTarget(**target)), ctx)  # type: ignore[arg-type]
-    except ActionFailed as failed:
-        if failed.reason is not Reason.DEPLOYMENT_NOT_CONFIRMED:
-            raise
-        return False
-    return True

@@ -103,6 +103,7 @@ CASES = {
     "CheckDeployment": Case(before_nail),
     "CheckFeeder": Case(arm_away, ("arm", "gripper")),
     "CheckGrasp": Case(nothing),
+    "CheckHand": Case(holding),
     "DriveToPlant": Case(lambda bench, task: {"plant": "v0"}, ("base",)),
     "DriveToPose": Case(down_the_row, ("base",)),
     "FindDeploymentPoints": Case(scanned),
