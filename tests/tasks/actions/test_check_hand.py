@@ -12,7 +12,6 @@ from grape.actions.core import Outcome
 from grape.errors import Reason
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser.actions.check_hand import CheckHandGoal, check_hand
-from grape.tasks.dispenser.actions.hang_dispenser import HangDispenserGoal, hang_dispenser
 from grape.tasks.dispenser.actions.holds_dispenser import HoldsDispenserGoal, holds_dispenser
 from grape.tasks.dispenser.conditions import IsDeployedGoal, is_deployed
 from grape.tasks.dispenser.targets import HangTarget
@@ -112,20 +111,3 @@ def test_a_camera_that_is_silent_changes_nothing(bench: Bench, task: SimpleNames
     bench.camera.frozen = True
     look(bench)
     assert bench.ledger.account()["on_hand"] == 1 and bench.log.last("not_looked")["reason"] == "stale_data"
-
-
-def test_a_hand_that_cannot_back_off_leaves_the_verdict_to_the_look(
-    bench: Bench, task: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    target = task.put_nail(bench)
-    bench.ledger.move_dispenser("feeder", "hand")
-    task.at_target(bench, target)
-    action = hang_dispenser(HangDispenserGoal(target=target), bench.ctx)
-    feedback = next(action)
-    while not feedback.status.startswith("released"):
-        bench.advance()
-        feedback = next(action)
-    bench.put_arm(bench.arm.q + np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]))
-    bench.run(action)
-    assert bench.log.last("backing_off_failed")["reason"] and bench.ledger.dispensers()["n0"] == 1
-    assert np.allclose(bench.fingers.angles[1:], DESCRIPTION.gripper.closed_angle, atol=0.01)
