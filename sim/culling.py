@@ -49,6 +49,8 @@ class ContactCulling:
 
     def look(self, data: mujoco.MjData) -> None:
         """Find who is near whom, and let only them meet until the next look."""
+        if not self._moving.size:
+            return
         from grape.sim._culling_kernels import bound_bodies, mark_neighbours, mark_on_ground
 
         model, boxes = self._model, self._boxes
