@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,6 +29,9 @@ Finder = Callable[[RgbdImage, Array, float], tuple[Array | None, float | None]]
 WIDE_LOOK = BranchPointOptions(beside_m=0.045, above_m=0.05, below_m=0.07, max_jump_m=0.05)
 LOOKS = BranchPointOptions()
 FIRST_GATE_M = {True: 0.04, False: 0.10}  # how far the first sight may be from the prediction, calibrated or not
+# Nearer than 6 cm the held loop is beside the tip, and was taken for a piece of it that is 8 mm long. Known joints lead
+# the hand over that way better.
+OPTIONS = {False: PointServoOptions(), True: PointServoOptions(standoff_frames=8, smoothing=0.1, trust_m=0.06)}
 AROUND = LookAroundOptions(turn_rad=0.0, shift_m=0.04)  # a spur is looked for past what hides it
 MEANT_SPEED = 0.06  # m/s
 MEANT_MOST_M = 0.12  # a correction that is larger than this is not believed
@@ -48,11 +52,11 @@ def servo_to_spur(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
         return transform(inverse(target.hand_pose(T_hand_nails, stand_off) @ T_hand_camera), target.tip)
 
     def servo() -> PointServo:
-        options = PointServoOptions(standoff_m=goal.stand_off_m)
+        options = replace(OPTIONS[calibrated], standoff_m=goal.stand_off_m)
         return PointServo(place, K, options, p_base_point=target.tip, first_gate_m=FIRST_GATE_M[calibrated])
 
     def finder() -> Finder:
-        return _finder(direction, LOOKS if calibrated else WIDE_LOOK)
+        return _finder(direction, target.diameter, LOOKS if calibrated else WIDE_LOOK)
 
     def seen(image: RgbdImage, T_base_camera: Array) -> bool:
         first, T = servo(), hand_correction(ctx) @ T_base_camera
@@ -96,11 +100,12 @@ def _go_where_meant(
     )  # fmt: skip
 
 
-def _finder(direction: Array, options: BranchPointOptions) -> Finder:
+def _finder(direction: Array, diameter: float, options: BranchPointOptions) -> Finder:
     """Finds the tip of a spur along `direction` (3,), frame after frame: by the colour of the first frame.
 
     Args:
         direction: in the optical frame.
+        diameter: m.
         options: of the first find; from then on it is looked for nearby.
     """
     reference: Array | None = None
@@ -112,7 +117,7 @@ def _finder(direction: Array, options: BranchPointOptions) -> Finder:
             reference = reference_colour(image, tip, direction, options)
         if reference is None:
             return None, None
-        point = branch_point(image, tip, direction, reference, options)
+        point = branch_point(image, tip, direction, reference, options, diameter)
         if point.pixel is not None:
             options = LOOKS
         return point.pixel, point.depth_m
