@@ -14,6 +14,7 @@ from grape.actions.move_arm import checker_for
 from grape.actions.servoing import ServoOutcome, camera_mount, servo_on_point
 from grape.control.point_servo import PointServo, PointServoOptions
 from grape.drivers import ArmDriver
+from grape.errors import ActionFailed
 from grape.geometry import inverse, transform
 from grape.messages import Array, RgbdImage
 from grape.perception.blobs import back_project
@@ -86,7 +87,10 @@ def servo_to_spur(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
 def _go_where_meant(
     told: HangTarget, target: HangTarget, ctx: Context, arm: ArmDriver, T_hand_nails: Array
 ) -> Generator[Feedback, None, None]:
-    """Moves the hand from where the encoders have it before the target `told` to the same place before `target`."""
+    """Moves the hand from where the encoders have it before the target `told` to the same place before `target`.
+
+    As far as the arm can: servoing goes on from wherever that is.
+    """
     T = ctx.robot.hand_pose(ctx.world.joints())
     stand_off = float((T[:3, 3] - told.hand_pose(T_hand_nails)[:3, 3]) @ told.approach)
     T_start, T_meant = hand_correction(ctx) @ T, target.hand_pose(T_hand_nails, max(stand_off, 0.0))
@@ -94,10 +98,13 @@ def _go_where_meant(
     if way > MEANT_MOST_M:
         return
     duration = max(0.5, way / MEANT_SPEED)
-    yield from follow_hand_path(
-        ctx, arm, straight(T_start, T_meant, duration), duration, status="moving to where it was meant to be",
-        options=HandPathOptions(calibrated=True),
-    )  # fmt: skip
+    try:
+        yield from follow_hand_path(
+            ctx, arm, straight(T_start, T_meant, duration), duration, status="moving to where it was meant to be",
+            options=HandPathOptions(calibrated=True),
+        )  # fmt: skip
+    except ActionFailed as failed:
+        ctx.log.event("correction_hindered", reason=str(failed.reason), detail=failed.detail)
 
 
 def _finder(direction: Array, diameter: float, options: BranchPointOptions) -> Finder:
