@@ -1,7 +1,7 @@
 """Takes bodies that cannot touch anything soon out of the search for contacts.
 
 MuJoCo asks every body for contacts in every step, though loops lie in their feeder and vines stand ten metres away.
-Every other beat this lists which bodies are near each other, generously, and hides the rest of each body's contact bits.
+Every other beat this lists which bodies are near each other, generously, and hides the rest of their contact bits.
 Hidden pairs are too far apart to meet before the next look, so the contacts found are the same, number for number.
 """
 
@@ -49,6 +49,8 @@ class ContactCulling:
 
     def look(self, data: mujoco.MjData) -> None:
         """Find who is near whom, and let only them meet until the next look."""
+        if not self._moving.size:
+            return
         from grape.sim._culling_kernels import bound_bodies, mark_neighbours, mark_on_ground
 
         model, boxes = self._model, self._boxes

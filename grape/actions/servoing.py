@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from grape.actions.core import Context, Feedback, Status
 from grape.actions.hand_path import follow_hand_path, hand_correction, straight
 from grape.actions.look_around import CAMERA, FRAME_AGE_MAX_S
+from grape.actions.servo_sample import ServoSample
 from grape.control.differential_ik import DifferentialIk, DifferentialIkOptions, JointVelocityCommand, shift_twist
 from grape.control.ibvs import MarkerServo
 from grape.control.point_servo import PointServo
@@ -63,14 +64,14 @@ def servo_on_markers(
             IN_COLLISION (before an obstacle).
     """
 
-    def take(image: RgbdImage, T_base_camera: Array) -> _Sample:
+    def take(image: RgbdImage, T_base_camera: Array) -> ServoSample:
         seen = {marker.id: marker.corners for marker in detector.detect(image.bgr)}
         state = servo.update(image.stamp, seen, T_base_camera)
         goals = desired(state.standoff_m)
         square = corner_points(marker_side_m)
         targets = {i: project(transform(goals[i], square), image.info.K) for i in state.visible}
-        corners = [seen[i] for i in state.visible if i in seen]
-        return _Sample(image, state.error_px, corners, [*targets.values()], state.converged)
+        corners = {i: seen[i] for i in state.visible if i in seen}
+        return ServoSample(image, state.error_px, corners, [*targets.values()], state.converged)
 
     loop = _Loop(ctx, arm, name=name, status=status, timeout_s=timeout_s, clearance=clearance)
     return (
@@ -111,7 +112,7 @@ def servo_on_point(
     """
     error_px = float("inf")
 
-    def take(image: RgbdImage, T_base_camera: Array) -> _Sample:
+    def take(image: RgbdImage, T_base_camera: Array) -> ServoSample:
         nonlocal error_px
         guess = servo.predict(T_base_camera)
         pixel, depth = (None, None) if guess is None else find(image, *guess)
@@ -120,7 +121,7 @@ def servo_on_point(
         after = servo.predict(T_base_camera)
         shown = pixel if pixel is not None else None if after is None else after[0]
         error_px = float("inf") if shown is None else float(np.linalg.norm(shown - goal))
-        return _Sample(image, error_px, [] if shown is None else [shown[None]], [goal[None]], state.converged)
+        return ServoSample(image, error_px, {} if shown is None else {0: shown[None]}, [goal[None]], state.converged)
 
     loop = _Loop(ctx, arm, name=name, status=status, timeout_s=timeout_s, clearance=clearance, calibrated=calibrated)
     return (
@@ -131,30 +132,6 @@ def servo_on_point(
             measure=lambda: (error_px, servo.state.frames),
         )
     )
-
-
-@dataclass(frozen=True)
-class _Sample:
-    """What one frame came to: error (px), features seen and wanted ((n, 2) px each), and whether it is enough."""
-
-    image: RgbdImage
-    error_px: float
-    seen: Sequence[Array]
-    wanted: Sequence[Array]
-    converged: bool
-
-    def picture(self) -> Array:
-        """The frame, a diamond where each feature is and a cross where it should be."""
-        import cv2
-
-        bgr = np.array(self.image.bgr)
-        for kind, colour, places in (
-            (cv2.MARKER_DIAMOND, (0, 255, 255), self.seen), (cv2.MARKER_CROSS, (255, 0, 255), self.wanted)
-        ):  # fmt: skip
-            for place in np.concatenate([np.zeros((0, 2)), *places]):
-                if np.abs(place).max() < 1e4:
-                    cv2.drawMarker(bgr, np.round(place).astype(int).tolist(), colour, kind, 12, 1)
-        return bgr
 
 
 class _Loop:
@@ -175,11 +152,11 @@ class _Loop:
         self._name, self._status, self._timeout_s = name, status, timeout_s
         self._solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.velocity_max, IK, clearance)
         self._begin = self._free = ctx.clock.now()
-        self._last: _Sample | None = None
+        self._last: ServoSample | None = None
 
     def run(
         self,
-        take: Callable[[RgbdImage, Array], _Sample],
+        take: Callable[[RgbdImage, Array], ServoSample],
         twist: Callable[[float, Array], Array],
         describe: Callable[[], str],
         measure: Callable[[], tuple[float, int]],
@@ -211,7 +188,7 @@ class _Loop:
 
     def _follow(
         self,
-        take: Callable[[RgbdImage, Array], _Sample],
+        take: Callable[[RgbdImage, Array], ServoSample],
         twist: Callable[[float, Array], Array],
         describe: Callable[[], str],
     ) -> Generator[Feedback, None, None]:
@@ -223,7 +200,7 @@ class _Loop:
             if image is not None:
                 stamp = image.stamp
                 self._last = take(image, self._pose(CAMERA, stamp))
-                self._record(self._last)
+                self._last.record(ctx.log, self._name)
                 if self._last.converged:
                     return
             if now - self._begin > self._timeout_s:
@@ -261,16 +238,6 @@ class _Loop:
         if self._last is not None and reason != Status.PREEMPTED:
             self._ctx.log.picture(f"{self._name}_{reason}" if reason else self._name, self._last.picture())
         return outcome
-
-    def _record(self, sample: _Sample) -> None:
-        self._ctx.log.event(
-            "servo_sample",
-            action=self._name,
-            t=sample.image.stamp,
-            error_px=sample.error_px,
-            corners=[place for places in sample.seen for place in places.tolist()],
-            desired=[place for places in sample.wanted for place in places.tolist()],
-        )
 
     def _new_image(self, stamp: float) -> RgbdImage | None:
         try:

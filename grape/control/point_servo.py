@@ -33,7 +33,8 @@ class PointServoOptions:
         gate_m: a point farther from the prediction than this is not believed.
         drift_m: and one farther than this from the first that was believed is not either: the point stands still in the
             base frame, and what does not is part of the hand.
-        smoothing: share of a new measurement in the estimate.
+        smoothing: share of a new measurement in the estimate, more for the first ones: until then it is their mean.
+        trust_m: below this stand-off nothing is measured any more, since what the hand holds is too near to the point.
         blind_m: from this distance to the target on, kinematics alone may lead.
         grace_m, growth_max_m: after `grace_m` of motion the distance to the target may exceed its smallest value by
             `growth_max_m`, no more.
@@ -56,6 +57,7 @@ class PointServoOptions:
     gate_m: float = 0.03
     drift_m: float = 0.03
     smoothing: float = 0.5
+    trust_m: float = 0.0
     blind_m: float = 0.06
     grace_m: float = 0.025
     growth_max_m: float = 0.02
@@ -151,7 +153,7 @@ class PointServo:
         """
         if not self._watch.frame(stamp):
             return self.state
-        seen = self._measure(pixel, depth, T_base_camera)
+        seen = self.state.standoff_m >= self.options.trust_m and self._measure(pixel, depth, T_base_camera)
         if seen:
             self._watch.seen(stamp)
         if self._point is None or not self._watch.ever_seen:
@@ -217,7 +219,8 @@ class PointServo:
         if self._point is None or first:
             self._point = self._anchor = p_base
         else:
-            self._point = self._point + options.smoothing * (p_base - self._point)
+            share = max(options.smoothing, 1.0 / (self.state.frames + 1))
+            self._point = self._point + share * (p_base - self._point)
         return True
 
     def _may_go_blind(self) -> bool:

@@ -14,14 +14,14 @@ IMAGE = (640.0, 480.0)
 
 @dataclass(kw_only=True)
 class ServoRun:
-    """The samples of one servo run; `t` counts from its start."""
+    """The samples of one servo run; `paths`: the places (u, v) px of each feature point, by marker and corner."""
 
     action: str
     plant: str
     start_s: float
     times: list[float] = field(default_factory=list)
     errors: list[float] = field(default_factory=list)
-    corners: list[list[list[float]]] = field(default_factory=list)
+    paths: dict[tuple[int, int], list[list[float]]] = field(default_factory=dict)
     desired: list[list[float]] = field(default_factory=list)
     end: dict[str, Any] = field(default_factory=dict)
 
@@ -49,9 +49,11 @@ def servo_runs(events: Iterable[dict[str, Any]]) -> list[ServoRun]:
 def _take(run: ServoRun, event: dict[str, Any]) -> None:
     run.times.append(float(event["t"]))
     run.errors.append(float(event.get("error_px") or 0.0))
-    corners = event.get("corners")
-    if corners and (not run.corners or len(corners) == len(run.corners[0])):
-        run.corners.append(corners)
+    corners = event.get("corners") or ()
+    ids = event.get("ids") or (0,)
+    for k, corner in enumerate(corners):
+        marker, point = divmod(k, max(1, len(corners) // len(ids)))
+        run.paths.setdefault((ids[marker], point), []).append(corner)
     run.desired = event.get("desired") or run.desired
 
 
@@ -81,8 +83,7 @@ def image_plane(run: ServoRun) -> str:
     frame = Frame(left=40, top=22, width=300, height=225, x=(0, IMAGE[0]), y=(0, IMAGE[1]), up=False)
     parts = [tag("rect", x=frame.left, y=frame.top, width=frame.width, height=frame.height, fill="#fff", stroke="#bbb")]
     parts += axes(frame, "u, px", "v, px")
-    for k in range(len(run.corners[0]) if run.corners else 0):
-        path = [sample[k] for sample in run.corners]
+    for k, path in enumerate(run.paths.values()):
         colour = PALETTE[k % len(PALETTE)]
         parts.append(tag("polyline", points=frame.points(path), class_="line", stroke=colour))
         x, y = frame.at(*path[0])

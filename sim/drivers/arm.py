@@ -117,7 +117,9 @@ class SimulatedArm(SampledSensor[JointState]):
             self._encoders(links).tolist(),
             strict=True,
         )
-        lead, velocities, references = self._options.lead, [], []
+        lead = self._options.lead
+        velocities: list[float] = []
+        references: list[float] = []
         for (lower, upper, acceleration, rate), target, velocity, reference, measured in states:
             change = acceleration * STEP_S
             wanted = velocity + min(max(target - velocity, -change), change)

@@ -145,3 +145,20 @@ def test_the_second_stage_waits_for_the_first():
 def test_a_wrong_camera_matrix_is_refused():
     with pytest.raises(InvalidInput):
         PointServo(target, np.eye(2))
+
+
+def test_what_is_seen_nearer_than_it_is_trusted_changes_nothing():
+    T = level_camera(0.14)
+    servo = PointServo(target, K, PointServoOptions(standoff_m=0.04, trust_m=0.05), p_base_point=NAIL_TIP)
+    assert not servo.update(0.0, *observe(T), T).seen
+    servo = PointServo(target, K, PointServoOptions(standoff_m=0.06, trust_m=0.05), p_base_point=NAIL_TIP)
+    assert servo.update(0.0, *observe(T), T).seen
+
+
+def test_the_first_sights_are_averaged():
+    T = level_camera(0.14)
+    servo = PointServo(target, K, PointServoOptions(smoothing=0.05))
+    pixel, depth = observe(T)
+    for k, off in enumerate((-6.0, 0.0, 3.0, 3.0)):
+        servo.update(0.1 * k, np.add(pixel, (off, 0.0)), depth, T)
+    assert servo.predict(T)[0] == pytest.approx(pixel, abs=0.05)

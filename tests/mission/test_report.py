@@ -88,6 +88,22 @@ def test_servo_runs_are_told_apart_by_their_end_and_by_pauses() -> None:
     assert [len(run.times) for run in servo_runs(events)] == [2, 1, 1]
 
 
+def test_a_marker_that_comes_into_view_later_has_a_path_of_its_own() -> None:
+    def sample(t: float, ids: list[int], corners: list[list[float]]) -> dict[str, Any]:
+        return {"t": t, "kind": "servo_sample", "action": "A", "error_px": 1.0, "ids": ids, "corners": corners}
+
+    events = [
+        sample(0.0, [2], [[8, 8], [9, 9]]),
+        sample(0.1, [1, 2], [[1, 1], [2, 2], [7, 7], [8, 8]]),
+        sample(0.2, [], []),
+        sample(0.3, [1], [[3, 3], [4, 4]]),
+    ]
+    (run,) = servo_runs(events)
+    assert run.paths == {
+        (2, 0): [[8, 8], [7, 7]], (2, 1): [[9, 9], [8, 8]], (1, 0): [[1, 1], [3, 3]], (1, 1): [[2, 2], [4, 4]],
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-3.2, 9.7), (0.0, 1e-6), (5.0, 5.0), (0.0, 123456.0)])
 def test_ticks_are_round_few_and_inside(low: float, high: float) -> None:
     values = ticks(low, high)

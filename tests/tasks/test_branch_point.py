@@ -6,6 +6,7 @@ import pytest
 from grape.errors import InvalidInput
 from grape.geometry import transform
 from grape.messages import CameraInfo, RgbdImage
+from grape.perception.blobs import back_project
 from grape.perception.markers import project
 from grape.tasks.dispenser.perception.branch_point import BranchPointOptions, branch_point, reference_colour
 
@@ -34,6 +35,15 @@ def test_the_tip_is_found_from_a_prediction_that_is_off(sight, off):
     assert np.linalg.norm(point.pixel - project(tip[None], image.info.K)[0]) < PX_5_MM
     assert abs(point.depth_m - tip[2]) < 0.010
     assert point.area_px > 50
+
+
+def test_with_the_diameter_it_is_the_axis_that_is_found(sight):
+    image, tip, direction = sight
+    colour = reference_colour(image, tip, direction)
+    point = branch_point(image, tip, direction, colour, diameter_m=0.010)
+    assert abs(branch_point(image, tip, direction, colour).depth_m - tip[2]) > 0.0015, "the side that is seen"
+    assert abs(point.depth_m - tip[2]) < 0.0015
+    assert np.linalg.norm(back_project(point.pixel, point.depth_m, image.info.K) - tip) < 0.003
 
 
 def test_a_direction_that_is_off_by_ten_degrees_does_no_harm(sight):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from grape.actions.move_arm import checker_for
 from grape.actions.servoing import ServoOutcome, camera_mount, servo_on_point
 from grape.control.point_servo import PointServo, PointServoOptions
 from grape.drivers import ArmDriver
+from grape.errors import ActionFailed
 from grape.geometry import inverse, transform
 from grape.messages import Array, RgbdImage
 from grape.perception.blobs import back_project
@@ -28,6 +30,9 @@ Finder = Callable[[RgbdImage, Array, float], tuple[Array | None, float | None]]
 WIDE_LOOK = BranchPointOptions(beside_m=0.045, above_m=0.05, below_m=0.07, max_jump_m=0.05)
 LOOKS = BranchPointOptions()
 FIRST_GATE_M = {True: 0.04, False: 0.10}  # how far the first sight may be from the prediction, calibrated or not
+# Nearer than 6 cm the held loop is beside the tip, and was taken for a piece of it that is 8 mm long. Known joints lead
+# the hand over that way better.
+OPTIONS = {False: PointServoOptions(), True: PointServoOptions(standoff_frames=8, smoothing=0.1, trust_m=0.06)}
 AROUND = LookAroundOptions(turn_rad=0.0, shift_m=0.04)  # a spur is looked for past what hides it
 MEANT_SPEED = 0.06  # m/s
 MEANT_MOST_M = 0.12  # a correction that is larger than this is not believed
@@ -48,11 +53,11 @@ def servo_to_spur(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
         return transform(inverse(target.hand_pose(T_hand_nails, stand_off) @ T_hand_camera), target.tip)
 
     def servo() -> PointServo:
-        options = PointServoOptions(standoff_m=goal.stand_off_m)
+        options = replace(OPTIONS[calibrated], standoff_m=goal.stand_off_m)
         return PointServo(place, K, options, p_base_point=target.tip, first_gate_m=FIRST_GATE_M[calibrated])
 
     def finder() -> Finder:
-        return _finder(direction, LOOKS if calibrated else WIDE_LOOK)
+        return _finder(direction, target.diameter, LOOKS if calibrated else WIDE_LOOK)
 
     def seen(image: RgbdImage, T_base_camera: Array) -> bool:
         first, T = servo(), hand_correction(ctx) @ T_base_camera
@@ -82,7 +87,10 @@ def servo_to_spur(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
 def _go_where_meant(
     told: HangTarget, target: HangTarget, ctx: Context, arm: ArmDriver, T_hand_nails: Array
 ) -> Generator[Feedback, None, None]:
-    """Moves the hand from where the encoders have it before the target `told` to the same place before `target`."""
+    """Moves the hand from where the encoders have it before the target `told` to the same place before `target`.
+
+    As far as the arm can: servoing goes on from wherever that is.
+    """
     T = ctx.robot.hand_pose(ctx.world.joints())
     stand_off = float((T[:3, 3] - told.hand_pose(T_hand_nails)[:3, 3]) @ told.approach)
     T_start, T_meant = hand_correction(ctx) @ T, target.hand_pose(T_hand_nails, max(stand_off, 0.0))
@@ -90,17 +98,21 @@ def _go_where_meant(
     if way > MEANT_MOST_M:
         return
     duration = max(0.5, way / MEANT_SPEED)
-    yield from follow_hand_path(
-        ctx, arm, straight(T_start, T_meant, duration), duration, status="moving to where it was meant to be",
-        options=HandPathOptions(calibrated=True),
-    )  # fmt: skip
+    try:
+        yield from follow_hand_path(
+            ctx, arm, straight(T_start, T_meant, duration), duration, status="moving to where it was meant to be",
+            options=HandPathOptions(calibrated=True),
+        )  # fmt: skip
+    except ActionFailed as failed:
+        ctx.log.event("correction_hindered", reason=str(failed.reason), detail=failed.detail)
 
 
-def _finder(direction: Array, options: BranchPointOptions) -> Finder:
+def _finder(direction: Array, diameter: float, options: BranchPointOptions) -> Finder:
     """Finds the tip of a spur along `direction` (3,), frame after frame: by the colour of the first frame.
 
     Args:
         direction: in the optical frame.
+        diameter: m.
         options: of the first find; from then on it is looked for nearby.
     """
     reference: Array | None = None
@@ -112,7 +124,7 @@ def _finder(direction: Array, options: BranchPointOptions) -> Finder:
             reference = reference_colour(image, tip, direction, options)
         if reference is None:
             return None, None
-        point = branch_point(image, tip, direction, reference, options)
+        point = branch_point(image, tip, direction, reference, options, diameter)
         if point.pixel is not None:
             options = LOOKS
         return point.pixel, point.depth_m

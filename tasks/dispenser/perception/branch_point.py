@@ -128,7 +128,12 @@ def reference_colour(
 
 
 def branch_point(
-    image: RgbdImage, tip: Array, direction: Array, reference: Array, options: BranchPointOptions | None = None
+    image: RgbdImage,
+    tip: Array,
+    direction: Array,
+    reference: Array,
+    options: BranchPointOptions | None = None,
+    diameter_m: float = 0.0,
 ) -> BranchPoint:
     """Finds the spur's tip near its predicted place: similar colour, beside the axis, the end of the bar.
 
@@ -138,6 +143,7 @@ def branch_point(
         direction: (3,) unit vector from the spur's base to its tip, in the optical frame.
         reference: (3,) L, a, b from `reference_colour`.
         options: see `BranchPointOptions`.
+        diameter_m: of the spur: its axis lies behind the side that is seen.
 
     Raises:
         InvalidInput: an image of another shape or type, or a prediction or reference that is not finite.
@@ -159,6 +165,7 @@ def branch_point(
     bar = _longest_run(bar, options.bridge_m)
     if len(bar) < least:
         return BranchPoint(pixel=None, depth_m=None, reason="no bar beside the predicted axis")
+    middle = middle + _depth_of_axis(tip, direction, diameter_m)
     found = np.asarray(tip, float) + middle + bar[-3:].mean() * np.asarray(direction, float)
     jump = float(np.linalg.norm(found - tip))
     if jump > options.max_jump_m:
@@ -176,6 +183,12 @@ def _middle(beside: Array, radius: float) -> Array:
         near = distance < max(reach, float(distance.min()) + 0.5 * radius)
         middle = np.asarray(beside[near].mean(axis=0))
     return middle
+
+
+def _depth_of_axis(tip: Array, direction: Array, diameter: float) -> Array:
+    """(3,) m from the middle of the visible half of a round bar to its axis: pi / 8 of the diameter, square to it."""
+    across = np.asarray(tip, float) - float(np.dot(tip, direction)) * np.asarray(direction, float)
+    return np.asarray(np.pi / 8.0 * diameter * across / max(float(np.linalg.norm(across)), 1e-9))
 
 
 def _longest_run(places: Array, gap: float) -> Array:
