@@ -22,6 +22,7 @@ from grape.tasks.dispenser.actions.lower_onto_target import LowerOntoTargetGoal,
 from grape.tasks.dispenser.actions.servo_to_nail import servo_to_nail
 from grape.tasks.dispenser.actions.servo_to_spur import servo_to_spur
 from grape.tasks.dispenser.servo_target import ServoToTargetGoal
+from grape.tasks.dispenser.stops import margins_of, orientations
 from grape.tasks.dispenser.targets import HangTarget
 
 GRIPPER = DESCRIPTION.gripper
@@ -83,6 +84,20 @@ def test_next_spur_is_approached_from_where_the_attempt_before_failed(bench: Ben
     assert not checker_for(bench.ctx).is_valid(bench.arm.q), "no plan can start here"
     bench.run(approach_spur(ApproachSpurGoal(target=target), bench.ctx))
     assert np.linalg.norm(pose_error(target.hand_pose(nails(bench), 0.10), bench.hand)[:3]) < 0.01
+
+
+def test_the_hand_is_turned_where_no_way_leads_to_the_first_orientation(bench: Bench) -> None:
+    spur = HangTarget(
+        plant="v0", kind="spur", tip=np.array([0.25, 0.85, 0.65]), direction=np.array([0.0, 0.0, 1.0]), pitch=1.0
+    )
+    ways = orientations(spur)
+    margins = margins_of(bench.robot, ways)
+    abreast = ways[int(np.argmin(margins))]
+    assert margins.min() == 0.0 and margins.max() > 0.3, "abreast of the arm some orientations are singular"
+    approached = bench.run(approach_spur(ApproachSpurGoal(target=abreast), bench.ctx)).approached
+    assert (approached.pitch, approached.azimuth) != (abreast.pitch, abreast.azimuth)
+    assert np.linalg.norm(pose_error(approached.hand_pose(nails(bench), 0.10), bench.hand)[:3]) < 0.01
+    assert bench.log.last("recovery")["how"] == "turned the hand"
 
 
 def test_a_spur_behind_wood_is_unreachable(bench: Bench, task: SimpleNamespace) -> None:
