@@ -129,9 +129,7 @@ class DifferentialIk:
         if twist.shape != (6,) or not isfinite(twist.sum()):
             raise InvalidInput(f"a twist must be six finite numbers (m/s, rad/s), got {twist}")
         q = self.arm.checked(q)
-        velocity, scale, sigma, sigma_ahead, held = _kernels().joint_velocities(
-            q, twist, self.arm.placements, self.arm.axes, *self._settings
-        )
+        velocity, scale, sigma, sigma_ahead, held = _kernels().joint_velocities(q, twist, *self._settings)
         share, hindrance = self._free_share(q, velocity, sigma, sigma_ahead)
         return JointVelocityCommand(
             velocity=velocity * share,
@@ -142,21 +140,16 @@ class DifferentialIk:
         )
 
     @cached_property
-    def _settings(self) -> tuple[Array, Array]:
-        """Bounds (3, n) and options (7,) as the kernel takes them."""
+    def _settings(self) -> tuple[Array, Array, Array, Array]:
+        """Chain, bounds (3, n) and options (7,) as the kernel takes them; it takes writable arrays more quickly."""
         arm, options = self.arm, self.options
         speed = np.full(arm.dof, np.inf) if self.velocity_max is None else self.velocity_max
-        return np.array([arm.position_min, arm.position_max, speed]), np.array(
-            [
-                options.damping_sigma,
-                options.sigma_slow,
-                options.linear_max,
-                options.angular_max,
-                options.limit_margin_rad,
-                options.look_ahead_s,
-                ROTATION_WEIGHT,
-            ]
-        )
+        limits = (
+            options.damping_sigma, options.sigma_slow, options.linear_max, options.angular_max,
+            options.limit_margin_rad, options.look_ahead_s, ROTATION_WEIGHT,
+        )  # fmt: skip
+        bounds = np.array([arm.position_min, arm.position_max, speed])
+        return arm.placements.copy(), arm.axes.copy(), bounds, np.array(limits)
 
     def _free_share(self, q: Array, velocity: Array, sigma: float, sigma_ahead: float) -> tuple[float, str]:
         """0..1: how much of the speed singularity and clearance allow, and which of them allows less than all."""

@@ -5,102 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from grape.planning._field_kernels import field_at
+
 NOTHING, CLOUD, BOX, SELF = 0, 1, 2, 3
 INTERPOLATION = 1.74  # voxels by which two interpolated distances can differ more than their points are apart
 
 
 @njit(cache=True)
-def squared_distance_transform(grid):
-    """In place: each voxel's squared distance (voxels) to the nearest zero; one lower envelope per line and axis."""
-    nx, ny, nz = grid.shape
-    size = max(nx, ny, nz)
-    line, out = np.empty(size, np.float64), np.empty(size, np.float64)
-    vertex, border = np.empty(size, np.int64), np.empty(size + 1, np.float64)
-    for x in range(nx):
-        for y in range(ny):
-            for z in range(nz):
-                line[z] = grid[x, y, z]
-            if _lower_envelope(line, nz, vertex, border, out):
-                for z in range(nz):
-                    grid[x, y, z] = out[z]
-    for x in range(nx):
-        for z in range(nz):
-            for y in range(ny):
-                line[y] = grid[x, y, z]
-            if _lower_envelope(line, ny, vertex, border, out):
-                for y in range(ny):
-                    grid[x, y, z] = out[y]
-    for y in range(ny):
-        for z in range(nz):
-            for x in range(nx):
-                line[x] = grid[x, y, z]
-            if _lower_envelope(line, nx, vertex, border, out):
-                for x in range(nx):
-                    grid[x, y, z] = out[x]
-
-
-@njit(cache=True)
-def _lower_envelope(f, n, vertex, border, out):
-    """out[i] = min_j f[j] + (i - j)^2; False when every f is infinite."""
-    k = -1
-    for q in range(n):
-        if f[q] == np.inf:
-            continue
-        start = -np.inf
-        while k >= 0:
-            p = vertex[k]
-            start = ((f[q] + q * q) - (f[p] + p * p)) / (2.0 * (q - p))
-            if start > border[k]:
-                break
-            k -= 1
-        if k < 0:
-            start = -np.inf
-        k += 1
-        vertex[k] = q
-        border[k] = start
-        border[k + 1] = np.inf
-    if k < 0:
-        return False
-    k = 0
-    for q in range(n):
-        while border[k + 1] < q:
-            k += 1
-        d = q - vertex[k]
-        out[q] = d * d + f[vertex[k]]
-    return True
-
-
-@njit(cache=True, error_model="numpy")
-def _field_at(x, y, z, field, grid):
-    """Trilinear distance at a point; outside of the grid the reach."""
-    u = (x - grid[0]) / grid[3]
-    v = (y - grid[1]) / grid[3]
-    w = (z - grid[2]) / grid[3]
-    nx, ny, nz = field.shape
-    if not (u >= 0.0 and v >= 0.0 and w >= 0.0 and u < nx - 1 and v < ny - 1 and w < nz - 1):
-        return grid[4]
-    i, j, k = int(u), int(v), int(w)
-    a, b, c = u - i, v - j, w - k
-    low = (field[i, j, k] * (1 - c) + field[i, j, k + 1] * c) * (1 - b)
-    low += (field[i, j + 1, k] * (1 - c) + field[i, j + 1, k + 1] * c) * b
-    high = (field[i + 1, j, k] * (1 - c) + field[i + 1, j, k + 1] * c) * (1 - b)
-    high += (field[i + 1, j + 1, k] * (1 - c) + field[i + 1, j + 1, k + 1] * c) * b
-    return low * (1 - a) + high * a
-
-
-@njit(cache=True)
-def query_field(points, field, grid):
-    """Distance of each point (m, 3)."""
-    out = np.empty(len(points))
-    for i in range(len(points)):
-        out[i] = _field_at(points[i, 0], points[i, 1], points[i, 2], field, grid)
-    return out
-
-
-@njit(cache=True)
 def _places(arm):
-    """Where the parts of the flat array of `checker.pack` begin: counts n, m, c, k, b, then the places of the chain,
-    spheres, first spheres, capsules, pairs, boxes, mask, sphere centres, capsule middles, gaps."""
+    """Counts of joints, spheres, capsules, pairs and boxes in the flat array that `StateChecker` packs, and where its
+    parts begin: spheres, the first sphere of each joint, capsules, pairs, boxes, mask, and room for the centres of the
+    spheres, the middles of the capsules and the gaps to the boxes."""
     n, m, c, k, b = int(arm[0]), int(arm[1]), int(arm[2]), int(arm[3]), int(arm[4])
     spheres = 10 + 12 * n
     first = spheres + 4 * m
@@ -163,13 +78,12 @@ def sphere_centers(q, arm):
 
 
 @njit(cache=True, error_model="numpy")
-def _least_clearance(q, arm, places, field, padding, self_padding, most, stop):
+def _least_clearance(arm, places, field, padding, self_padding, most, stop):
     """(clearance, kind, sphere, other) of the nearest thing; returns early once a clearance is below `stop`.
 
-    Clearances of `most` and above are not told apart. A capsule whose middle is farther away than its half length plus
-    the best clearance so far is passed over.
+    The centres must have been filled in. Clearances of `most` and above are not told apart. A capsule whose middle is
+    farther away than its half length plus the best clearance so far is passed over.
     """
-    _centers(q, arm, places)
     m, count, capsules, centers, middles = places[1], places[2], places[7], places[11], places[12]
     radii, grid = places[5] + 3 * m, arm[5:10]
     best, kind, first, second = most, NOTHING, -1, -1
@@ -177,9 +91,9 @@ def _least_clearance(q, arm, places, field, padding, self_padding, most, stop):
         s0, s1 = int(arm[capsules + 3 * c]), int(arm[capsules + 3 * c + 1])
         around = arm[capsules + 3 * c + 2] + padding + INTERPOLATION * grid[3]
         x, y, z = arm[middles + c], arm[middles + count + c], arm[middles + 2 * count + c]
-        if _field_at(x, y, z, field, grid) - around < best:
+        if field_at(x, y, z, field, grid) - around < best:
             for s in range(s1, s0 - 1, -1):
-                distance = _field_at(arm[centers + s], arm[centers + m + s], arm[centers + 2 * m + s], field, grid)
+                distance = field_at(arm[centers + s], arm[centers + m + s], arm[centers + 2 * m + s], field, grid)
                 d = distance - arm[radii + s] - padding
                 if d < best:
                     best, first, second = d, s, -1
@@ -275,16 +189,33 @@ def _box_distance(x, y, z, arm, boxes, total, b):
     return np.sqrt(dx * dx + dy * dy + dz * dz)
 
 
+@njit(cache=True, error_model="numpy")
+def _clearance_of(arm, places, field, padding, self_padding, kind, sphere, other):
+    """The clearance of one thing that `_least_clearance` named."""
+    m, total, radii, boxes, centers = places[1], places[4], places[5] + 3 * places[1], places[9], places[11]
+    x, y, z = arm[centers + sphere], arm[centers + m + sphere], arm[centers + 2 * m + sphere]
+    if kind == BOX:
+        return _box_distance(x, y, z, arm, boxes, total, other) - arm[radii + sphere] - padding
+    if kind == SELF:
+        dx, dy, dz = x - arm[centers + other], y - arm[centers + m + other], z - arm[centers + 2 * m + other]
+        return np.sqrt(dx * dx + dy * dy + dz * dz) - (arm[radii + sphere] + arm[radii + other] + self_padding)
+    return field_at(x, y, z, field, arm[5:10]) - arm[radii + sphere] - padding
+
+
 @njit(cache=True)
 def least_clearance(q, arm, field, padding, self_padding):
     """(clearance m, kind, sphere, other) at one state."""
-    return _least_clearance(q, arm, _places(arm), field, padding, self_padding, arm[9], -np.inf)
+    places = _places(arm)
+    _centers(q, arm, places)
+    return _least_clearance(arm, places, field, padding, self_padding, arm[9], -np.inf)
 
 
 @njit(cache=True)
 def state_valid(q, arm, field, padding, self_padding):
     """Whether nothing is nearer than the paddings."""
-    return _least_clearance(q, arm, _places(arm), field, padding, self_padding, 0.0, 0.0)[0] >= 0.0
+    places = _places(arm)
+    _centers(q, arm, places)
+    return _least_clearance(arm, places, field, padding, self_padding, 0.0, 0.0)[0] >= 0.0
 
 
 @njit(cache=True)
@@ -292,22 +223,30 @@ def edge_valid(q0, q1, reach, arm, field, padding, self_padding, least_step):
     """(valid, states checked): walk the straight edge by conservative advancement.
 
     No surface point moves farther than sum |dq_i| reach_i, so a clearance of d frees that much of the edge. Steps of
-    `least_step` m keep the walk short where the clearance goes to zero.
+    `least_step` m keep the walk short where the clearance goes to zero. What was nearest at one state bounds what is
+    nearest at the next, so that most of the arm is passed over.
     """
-    places, most = _places(arm), arm[9]
+    places = _places(arm)
     n = len(q0)
     travel = 0.0
     for i in range(n):
         travel += abs(q1[i] - q0[i]) * reach[i]
-    if _least_clearance(q1, arm, places, field, padding, self_padding, 0.0, 0.0)[0] < 0.0:
+    if not state_valid(q1, arm, field, padding, self_padding):
         return False, 1
     q = np.empty(n)
-    t, checked = 0.0, 1
+    t, checked, kind, sphere, other = 0.0, 1, NOTHING, -1, -1
     while t < 1.0:
         for i in range(n):
             q[i] = q0[i] + t * (q1[i] - q0[i])
-        d = _least_clearance(q, arm, places, field, padding, self_padding, most, 0.0)[0]
+        _centers(q, arm, places)
         checked += 1
+        d = arm[9]
+        if sphere >= 0:
+            d = min(d, _clearance_of(arm, places, field, padding, self_padding, kind, sphere, other))
+        if d >= 0.0:
+            d, now, first, second = _least_clearance(arm, places, field, padding, self_padding, d, 0.0)
+            if first >= 0:
+                kind, sphere, other = now, first, second
         if d < 0.0:
             return False, checked
         if travel < 1e-9:

@@ -50,7 +50,7 @@ class DistanceField:
 
     def query(self, points: Array) -> Array:
         """(m,) distance in m of points (m, 3), base frame, to the cloud; trilinear, at most `reach_m`."""
-        from grape.planning._collision_kernels import query_field
+        from grape.planning._field_kernels import query_field
 
         return query_field(np.ascontiguousarray(points, dtype=float), self.distance, self.grid)
 
@@ -147,7 +147,7 @@ def _counts(points: Array, options: DistanceFieldOptions) -> Array:
 
 def _transform(index: Array, shape: Array, options: DistanceFieldOptions) -> Array:
     """Distances (m, float32, cut at the reach) from occupied voxels `index` (m, 3) on a grid of `shape`."""
-    from grape.planning._collision_kernels import squared_distance_transform
+    from grape.planning._field_kernels import squared_distance_transform
 
     squared = np.full(tuple(shape), np.inf, dtype=np.float32)  # voxel^2
     squared[tuple(index.T)] = 0.0

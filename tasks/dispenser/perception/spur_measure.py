@@ -68,12 +68,11 @@ def measure_spur(tip: Array, direction: Array, scene: Surroundings, options: Ref
         scene: see `Surroundings`.
         options: see `RefineOptions`.
     """
-    from grape.tasks.dispenser.perception.spur_kernels import (
+    from grape.tasks.dispenser.perception.spur_kernels import grow, lateral_frame
+    from grape.tasks.dispenser.perception.stem_kernels import (
         beside_line,
         count_around,
         count_in_way,
-        grow,
-        lateral_frame,
         stem_width,
         thickness_below,
         within,
