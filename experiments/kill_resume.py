@@ -152,9 +152,10 @@ def judged_kills(
     noted = {round(w["time_s"], 2): true_places(w) for w in witnessed if w["check"] == "settled"}
     settled = [event for event in events if event["kind"] == "settled" and round(event["t"], 2) in noted]
     found = []
-    for kill, later in zip(kills, [*kills[1:], {"t": float("inf")}], strict=True):
+    ends = [*(kill["t"] for kill in kills), float("inf")]
+    for kill, later in zip(kills, ends[1:], strict=True):
         event = next((event for event in settled if event["t"] > kill["t"]), None)
-        again = sorted({plant for plant, t in repeats(events) if kill["t"] < t <= later["t"]})
+        again = sorted({plant for plant, t in repeats(events) if kill["t"] < t <= later})
         equal = None if event is None else _as_settled(event["places"]) == _as_settled(noted[round(event["t"], 2)])
         found.append({**kill, "settled_s": event and event["t"], "equal": equal, "repeated": again})
     return found

@@ -74,6 +74,7 @@ def test_each_kill_is_judged_by_the_look_after_it() -> None:
     assert [kill["equal"] for kill in found] == [True, False, False, None], "the feeder is looked at later"
     assert [kill["repeated"] for kill in found] == [["n"], [], [], []]
     assert [kill["settled_s"] for kill in found] == [12.0, 25.0, 25.0, None]
+    assert judged_kills([], events, seen) == []
 
 
 def test_a_mission_that_does_not_end_counts_against_it_and_one_that_was_stopped_does_not() -> None:

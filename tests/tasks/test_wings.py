@@ -64,6 +64,23 @@ def test_a_hung_loop_is_seen_after_backing_off(make_scene, views, sun, ground, t
     assert check.value, check.reason
 
 
+def a_strip_of_a_wing(colour, z=0.35):
+    image = blank()
+    bgr, depth = image.bgr.copy(), image.depth.copy()
+    for k in range(13):  # slanting, four pixels wide
+        bgr[265 + k, 327 + k // 2 : 331 + k // 2], depth[265 + k, 327 + k // 2 : 331 + k // 2] = colour, z
+    return RgbdImage(stamp=0.0, bgr=bgr, depth=depth, info=image.info)
+
+
+def test_a_wing_seen_from_its_edge_counts_when_it_is_vivid_and_at_its_place():
+    vivid = a_strip_of_a_wing((20, 15, 110))
+    place = HungExpectation(target=np.array([0.01, 0.03, 0.35]))
+    assert hung(vivid, place).value and not hung(vivid, place, HungOptions(edge_on=None)).value
+    assert not hung(a_strip_of_a_wing((25, 25, 55)), place).value, "dark wood under a low sun is reddish too"
+    assert not hung(a_strip_of_a_wing((20, 15, 110), z=0.9), place).value
+    assert not held(vivid).value
+
+
 @pytest.mark.parametrize(("sun", "ground"), LIGHTS)
 def test_nothing_hung_is_not_hung(make_scene, views, sun, ground):
     scene = make_scene(sun, ground)

@@ -19,6 +19,11 @@ from grape.perception.checks import as_intrinsics, as_vector
 # limits looser than the study's 0.80 and 0.12: a nail before a wing leaves 0.84 and 0.38; depth and place decide.
 WING = BlobOptions(value=35, solidity=0.75, hull_distance=0.45)
 
+# A wing seen from its edge, or all but a strip of it hidden: so few pixels of any shape that only vivid red counts.
+EDGE_ON = BlobOptions(
+    saturation=150, value=60, open_px=2, area_px=(25.0, 2500.0), solidity=0.0, hull_distance=float("inf")
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Check:
@@ -108,9 +113,13 @@ class HungExpectation:
 
 @dataclass(frozen=True, kw_only=True)
 class HungOptions:
-    """Which wings count as a hung dispenser's: colour and shape, depth (near, far) m, and how many are needed."""
+    """Which wings count as a hung dispenser's: colour and shape, depth (near, far) m, and how many are needed.
+
+    `edge_on` is asked where `wing` finds fewer; None asks nothing else.
+    """
 
     wing: BlobOptions = WING
+    edge_on: BlobOptions | None = EDGE_ON
     depth_m: tuple[float, float] = (0.20, 0.55)
     wings: int = 1
 
@@ -123,6 +132,8 @@ def hung(image: RgbdImage, expectation: HungExpectation | None = None, options: 
     """
     expectation, options = expectation or HungExpectation(), options or HungOptions()
     blobs = find_blobs(image, options.wing, depth_range=options.depth_m)
+    if len(blobs) < options.wings and options.edge_on is not None:
+        blobs = find_blobs(image, options.edge_on, depth_range=options.depth_m)
     if expectation.nails is not None:
         on_nails = [b for b in blobs if np.linalg.norm(b.position - expectation.nails) < expectation.nails_radius_m]
         if on_nails:
