@@ -40,7 +40,7 @@ def best_margins(arm, lines, seeds, body, padding, rotation_weight, sigma_full, 
 @njit(cache=True)
 def _along(placements, axes, low, high, line, q, body, padding, rotation_weight, sigma_full, limit_full, least):
     """The least margin along a line from the posture `q` at its start; 0 when it breaks or falls to `least`."""
-    model, scene = body
+    shapes, field = body
     margin = 1.0
     n = len(q)
     T, J = np.empty((4, 4)), np.empty((6, n))
@@ -58,7 +58,7 @@ def _along(placements, axes, low, high, line, q, body, padding, rotation_weight,
             for r in range(3):
                 J[3 + r, j] *= rotation_weight
         margin = min(margin, np.linalg.svd(J, full_matrices=False)[1][5] / sigma_full)
-        if margin <= least or not state_valid(q, model, scene, padding, 0.0):
+        if margin <= least or not state_valid(q, shapes, field, padding, 0.0):
             return 0.0
     return margin
 

@@ -79,7 +79,7 @@ class StateChecker:
         self.model = model
         self.field = field or empty_field()
         self.options = options or CheckerOptions()
-        self._arm = _packed(model, self.field.grid)
+        self._arm = packed(model, self.field.grid)
         self._shape = (model.joint_count,)
         self._margins = self.options.padding_m, self.options.self_padding_m
         self.checked = 0  # states looked at since the start, a measure of work that no clock disturbs
@@ -148,7 +148,7 @@ class StateChecker:
         return q if q.flags.c_contiguous else q.copy()
 
 
-def _packed(model: SphereModel, grid: Array) -> Array:
+def packed(model: SphereModel, grid: Array) -> Array:
     """Everything but the distances in one flat array, see `unpack`: a call that takes few arrays costs little."""
     first = np.searchsorted(model.spheres[:, 0], np.arange(model.joint_count + 2))
     pairs = np.searchsorted(model.capsule_table[:, 0], model.capsule_pairs[:, [0, 2]])

@@ -15,6 +15,7 @@ from grape.errors import InvalidInput
 from grape.kinematics.arm import ROTATION_WEIGHT, ArmModel
 from grape.kinematics.inverse import scattered_postures
 from grape.messages import Array, frozen_array
+from grape.planning.checker import packed
 from grape.planning.distance_field import empty_field
 from grape.planning.spheres import SphereModel
 
@@ -80,14 +81,11 @@ def reach_margins(
     if lines.ndim != 4 or lines.shape[1] < 1 or lines.shape[2:] != (4, 4):
         raise InvalidInput(f"lines must be (m, k, 4, 4), got {lines.shape}")
     field = empty_field()
-    model = (
-        body.placements, body.spheres, body.capsule_table, body.capsule_pairs, body.box_table, body.box_mask,
-    )  # fmt: skip
     margins, postures = best_margins(
         (arm.placements, arm.axes, arm.position_min, arm.position_max),
         lines,
         np.array([*seeds, *scattered_postures(arm, options.seeds)]),
-        (model, (field.distance, field.grid)),
+        (packed(body, field.grid), field.distance),
         options.padding_m,
         ROTATION_WEIGHT,
         options.sigma_full,
