@@ -20,7 +20,7 @@ from grape.proof import Figure, Quantity, wilson95
 from grape.sim.worlds import VineyardOptions
 
 START_M, START_RAD = 0.05, np.radians(10.0)  # how far off a run begins, besides what the arm errs
-DRAWS = 40  # of a start pose, until the arm reaches it
+DRAWS = 40  # of a start pose, until the arm gets there
 SHOWN = 12  # runs whose error over time is drawn
 Progress = Callable[[float, str], None]
 Trial = dict[str, Any]
@@ -87,25 +87,28 @@ def pose_judgement(T: Array, T_wanted: Array, p_hand: Array) -> Mapping[str, flo
     }
 
 
-def go_to_start(bench: ArmBench, rng: np.random.Generator, line: Sequence[Array], fingers: float, **touch: Any) -> None:
+def go_to_start(
+    bench: ArmBench, rng: np.random.Generator, line: Sequence[Array], fingers: float, **around: Any
+) -> None:
     """Moves the hand beside the first pose of a line, at random; to that pose itself when nothing else is reached.
 
     Args:
         line: hand poses (4, 4) in base_link, as `move_to_pose` takes them.
         fingers: rad, the angle of fingers 2 and 3 meanwhile.
-        touch: what `move_to_pose` may touch on the rest of the line.
+        around: what `move_to_pose` is told of things around.
     """
-    from grape.actions.move_arm import find_postures, move_to_pose
+    from grape.actions.move_arm import move_to_pose
 
     with bench.ctx.arm.lease("start") as arm, bench.ctx.gripper.lease("start") as gripper:
         gripper.send(np.array([bench.robot.description.gripper.thumb_clear, fingers, fingers]))
         for _ in range(DRAWS):
-            start = moved_start(rng, line[0])
-            if find_postures(bench.ctx, (start, *line[1:]), **{"boxes": (), **touch}):
-                break
-        else:
-            start = line[0]
-        bench.run(move_to_pose(bench.ctx, arm, (start, *line[1:]), status="to the start", **touch))
+            start = (moved_start(rng, line[0]), *line[1:])
+            try:
+                bench.run(move_to_pose(bench.ctx, arm, start, status="to the start", **around))
+                return
+            except ActionFailed:
+                continue
+        bench.run(move_to_pose(bench.ctx, arm, line, status="to the start", **around))
 
 
 def run_trials(
