@@ -192,17 +192,20 @@ def marker_quantities(trials: Sequence[Trial], reference: str) -> tuple[Quantity
 
 def convergence_figures(trials: Iterable[Trial], what: str, feature: str = "corner") -> tuple[Figure, ...]:
     """Paths of the features in the image of the first trial, and the error over the frames of the first dozen."""
-    runs = [run for trial in trials for run in servo_runs(trial["events"])[-1:]][:SHOWN]
+    found = [(str(trial["seed"]), run) for trial in trials for run in servo_runs(trial["events"])[-1:]][:SHOWN]
+    runs = [run for _, run in found]
     if not runs:
         return ()
-    lines = [("", _seen(run), PALETTE[k % len(PALETTE)]) for k, run in enumerate(runs)]
+    lines = [(seed, _seen(run), PALETTE[k % len(PALETTE)]) for k, (seed, run) in enumerate(found)]
     chart = line_chart(lines, x_title="iteration", y_title="error, px", width=560, height=300)
     return (
         Figure(
             title=f"{what}: paths of the {feature}s in the image, from start (ring) to end (dot), cross: desired",
             svg=image_plane(runs[0]),
         ),
-        Figure(title=f"{what}: {feature} error over the iterations (a frame each), {len(runs)} runs", svg=chart),
+        Figure(
+            title=f"{what}: {feature} error over the iterations (a frame each), {len(runs)} runs by seed", svg=chart
+        ),
     )
 
 

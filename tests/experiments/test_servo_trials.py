@@ -27,7 +27,7 @@ def trial(converged: bool = True, error: float = 0.5, looked: int = 0) -> dict[s
         for k in range(9)
     ]  # fmt: skip
     return {
-        "converged": converged, "error_px": error, "hand_mm": error, "point_mm": error, "arm_off_mm": 20.0,
+        "seed": 3, "converged": converged, "error_px": error, "hand_mm": error, "point_mm": error, "arm_off_mm": 20.0,
         "duration_s": 8.0, "looked_around": looked, "reason": "", "events": samples,
     }  # fmt: skip
 
