@@ -203,9 +203,7 @@ def convergence_figures(trials: Iterable[Trial], what: str, feature: str = "corn
             title=f"{what}: paths of the {feature}s in the image, from start (ring) to end (dot), cross: desired",
             svg=image_plane(runs[0]),
         ),
-        Figure(
-            title=f"{what}: {feature} error over the iterations (a frame each), {len(runs)} runs by seed", svg=chart
-        ),
+        Figure(title=f"{what}: {feature} error over the iterations (frames), {len(runs)} runs by seed", svg=chart),
     )
 
 

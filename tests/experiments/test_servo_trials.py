@@ -27,7 +27,7 @@ def trial(converged: bool = True, error: float = 0.5, looked: int = 0) -> dict[s
         for k in range(9)
     ]  # fmt: skip
     return {
-        "seed": 3, "converged": converged, "error_px": error, "hand_mm": error, "point_mm": error, "arm_off_mm": 20.0,
+        "converged": converged, "error_px": error, "hand_mm": error, "point_mm": error, "arm_off_mm": 20.0,
         "duration_s": 8.0, "looked_around": looked, "reason": "", "events": samples,
     }  # fmt: skip
 
@@ -51,7 +51,7 @@ def test_errors_are_those_of_the_runs_that_converged() -> None:
 
 
 def test_the_plots_show_paths_and_errors_over_iterations() -> None:
-    paths, errors = convergence_figures([trial(), trial()], "Nail")
+    paths, errors = convergence_figures([trial() | {"seed": seed} for seed in (3, 4)], "Nail")
     assert "<polyline" in paths.svg and "iteration" in errors.svg and "2 runs" in errors.title
     assert convergence_figures([trial() | {"events": []}], "Nail") == ()
 
