@@ -20,7 +20,7 @@ from grape.proof import Figure, Quantity, wilson95
 from grape.sim.worlds import VineyardOptions
 
 START_M, START_RAD = 0.05, np.radians(10.0)  # how far off a run begins, besides what the arm errs
-DRAWS = 40  # of a start pose, until the arm reaches it
+DRAWS = 40  # of a start pose, until the arm gets there
 SHOWN = 12  # runs whose error over time is drawn
 Progress = Callable[[float, str], None]
 Trial = dict[str, Any]
@@ -87,25 +87,28 @@ def pose_judgement(T: Array, T_wanted: Array, p_hand: Array) -> Mapping[str, flo
     }
 
 
-def go_to_start(bench: ArmBench, rng: np.random.Generator, line: Sequence[Array], fingers: float, **touch: Any) -> None:
+def go_to_start(
+    bench: ArmBench, rng: np.random.Generator, line: Sequence[Array], fingers: float, **around: Any
+) -> None:
     """Moves the hand beside the first pose of a line, at random; to that pose itself when nothing else is reached.
 
     Args:
         line: hand poses (4, 4) in base_link, as `move_to_pose` takes them.
         fingers: rad, the angle of fingers 2 and 3 meanwhile.
-        touch: what `move_to_pose` may touch on the rest of the line.
+        around: what `move_to_pose` is told of things around.
     """
-    from grape.actions.move_arm import find_postures, move_to_pose
+    from grape.actions.move_arm import move_to_pose
 
     with bench.ctx.arm.lease("start") as arm, bench.ctx.gripper.lease("start") as gripper:
         gripper.send(np.array([bench.robot.description.gripper.thumb_clear, fingers, fingers]))
         for _ in range(DRAWS):
-            start = moved_start(rng, line[0])
-            if find_postures(bench.ctx, (start, *line[1:]), **{"boxes": (), **touch}):
-                break
-        else:
-            start = line[0]
-        bench.run(move_to_pose(bench.ctx, arm, (start, *line[1:]), status="to the start", **touch))
+            start = (moved_start(rng, line[0]), *line[1:])
+            try:
+                bench.run(move_to_pose(bench.ctx, arm, start, status="to the start", **around))
+                return
+            except ActionFailed:
+                continue
+        bench.run(move_to_pose(bench.ctx, arm, line, status="to the start", **around))
 
 
 def run_trials(
@@ -189,17 +192,18 @@ def marker_quantities(trials: Sequence[Trial], reference: str) -> tuple[Quantity
 
 def convergence_figures(trials: Iterable[Trial], what: str, feature: str = "corner") -> tuple[Figure, ...]:
     """Paths of the features in the image of the first trial, and the error over the frames of the first dozen."""
-    runs = [run for trial in trials for run in servo_runs(trial["events"])[-1:]][:SHOWN]
+    found = [(str(trial["seed"]), run) for trial in trials for run in servo_runs(trial["events"])[-1:]][:SHOWN]
+    runs = [run for _, run in found]
     if not runs:
         return ()
-    lines = [("", _seen(run), PALETTE[k % len(PALETTE)]) for k, run in enumerate(runs)]
+    lines = [(seed, _seen(run), PALETTE[k % len(PALETTE)]) for k, (seed, run) in enumerate(found)]
     chart = line_chart(lines, x_title="iteration", y_title="error, px", width=560, height=300)
     return (
         Figure(
             title=f"{what}: paths of the {feature}s in the image, from start (ring) to end (dot), cross: desired",
             svg=image_plane(runs[0]),
         ),
-        Figure(title=f"{what}: {feature} error over the iterations (a frame each), {len(runs)} runs", svg=chart),
+        Figure(title=f"{what}: {feature} error over the iterations (frames), {len(runs)} runs by seed", svg=chart),
     )
 
 

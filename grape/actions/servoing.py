@@ -119,7 +119,7 @@ def servo_on_point(
         state = servo.update(image.stamp, pixel, depth, T_base_camera)
         goal = project(target(state.standoff_m)[None], image.info.K)[0]
         after = servo.predict(T_base_camera)
-        shown = pixel if pixel is not None else None if after is None else after[0]
+        shown = pixel if state.seen else None if after is None else after[0]
         error_px = float("inf") if shown is None else float(np.linalg.norm(shown - goal))
         return ServoSample(image, error_px, {} if shown is None else {0: shown[None]}, [goal[None]], state.converged)
 

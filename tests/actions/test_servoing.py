@@ -22,7 +22,7 @@ class StubServo:
 
     def __init__(self, frames: int, error: Exception | None = None, wish: Any = (0, 0, 0, 0, 0, 0)) -> None:
         self._frames, self._error, self.wish = frames, error, np.array(wish, float)
-        self.state = SimpleNamespace(frames=0, converged=False, error_m=0.0, standoff_m=0.0, stage="final")
+        self.state = SimpleNamespace(frames=0, converged=False, seen=True, error_m=0.0, standoff_m=0.0, stage="final")
 
     def predict(self, T_base_camera: Any) -> Any:
         return np.array([300.0, 236.0]), 0.5

@@ -51,7 +51,7 @@ def test_errors_are_those_of_the_runs_that_converged() -> None:
 
 
 def test_the_plots_show_paths_and_errors_over_iterations() -> None:
-    paths, errors = convergence_figures([trial(), trial()], "Nail")
+    paths, errors = convergence_figures([trial() | {"seed": seed} for seed in (3, 4)], "Nail")
     assert "<polyline" in paths.svg and "iteration" in errors.svg and "2 runs" in errors.title
     assert convergence_figures([trial() | {"events": []}], "Nail") == ()
 
