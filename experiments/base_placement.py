@@ -31,7 +31,7 @@ NOTES = (
     "One vine a seed and style. A spur is reached when the arm can follow stand-off, descent, release and withdrawal "
     "in one branch, with a singular value of at least 0.02 m and 0.05 rad to joint limits, clear of robot and itself; "
     "the vine's own wood is left out.",
-    "Usable spurs: at most 50 degrees from vertical, tip 0.42 to 1.25 m over the ground, at most 0.60 m from the trunk.",
+    "Usable spurs: at most 50 degrees from vertical, tip 0.42 to 1.25 m over the ground, 0.60 m from the trunk.",
     "Stops err by 15 mm and 0.5 degrees. At the stops before and behind, the hand has the six orientations that were "
     "tried there; at the chosen one it has ten.",
 )
@@ -65,7 +65,7 @@ def reached(robot: Robot, seed: int, style: str) -> dict[str, int]:
         margins = [
             margins_of(robot, orientations(in_base(spur, T_base_map), PITCHES, azimuths)).max() for spur in spurs
         ]
-        found[name] = sum(margin >= REACHED for margin in margins)
+        found[name] = sum(bool(margin >= REACHED) for margin in margins)
     return found
 
 

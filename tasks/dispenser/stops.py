@@ -51,17 +51,13 @@ class StopOptions:
         ahead_m, beside_m: see `Stop`; every pair is a stop.
         first_within_m: how far off the middle the first stop is at most.
         ahead_cost: score a metre off the middle costs: the sweep of a scan has the arm's base in its middle.
-        beside_full_m: from here on the hand has room for the sweep ...
-        beside_cost: ... and this is what a metre nearer costs.
         apart_m: how far from the first stop another one is at least.
     """
 
     ahead_m: tuple[float, ...] = tuple(k / 10 for k in range(-6, 7))
-    beside_m: tuple[float, ...] = (0.50, 0.55, 0.62)
+    beside_m: tuple[float, ...] = (0.54, 0.58, 0.62)  # nearer a held loop has no room in the sweep of a scan
     first_within_m: float = 0.35
     ahead_cost: float = 0.05
-    beside_full_m: float = 0.55
-    beside_cost: float = 0.5
     apart_m: float = 0.20
 
     def stops(self, off: Stop | None = None) -> tuple[Stop, ...]:
@@ -74,13 +70,11 @@ class StopOptions:
 
     def cost(self, stop: Stop) -> float:
         """What a stop loses for the scan."""
-        return self.ahead_cost * abs(stop.ahead_m) + self.beside_cost * max(0.0, self.beside_full_m - stop.beside_m)
+        return self.ahead_cost * abs(stop.ahead_m)
 
 
 VINE_STOPS = StopOptions()
-NAIL_STOPS = StopOptions(
-    ahead_m=(0.25, 0.30, 0.35, -0.25, -0.30, -0.35), beside_m=(0.62, 0.55), ahead_cost=0.1, beside_cost=0.0
-)
+NAIL_STOPS = StopOptions(ahead_m=(0.25, 0.30, 0.35, -0.25, -0.30, -0.35), beside_m=(0.62, 0.54), ahead_cost=0.1)
 
 
 def usual_spurs() -> tuple[HangTarget, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +24,7 @@ def test_usable_spurs_are_upright_and_of_the_vine(style: Any) -> None:
 
 def test_more_spurs_are_reached_from_the_chosen_stop(robot_models: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(b1, "first_stop", lambda robot, kind: Stop(ahead_m=0.0, beside_m=0.50))
-    found = b1.reached(robot_models, 3, "cordon")
+    found = json.loads(json.dumps(b1.reached(robot_models, 3, "cordon")))
     assert found["usable"] >= found[b1.WAYS[0]] >= max(found[way] for way in b1.WAYS[1:])
 
 

@@ -7,7 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from paper_robot import Bench
 
+from grape.actions.move_arm import find_postures
+from grape.planning import StaticBox
+from grape.robots.husky_jaco2 import DESCRIPTION
+from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, sweep_path
 from grape.tasks.dispenser.stops import (
     ARM_SIDE_M,
     NAIL_STOPS,
@@ -43,6 +48,14 @@ def test_more_of_the_usual_spurs_are_reached_than_from_before_or_behind_the_vine
     assert reached(robot_models, stop, spurs) >= len(spurs) - 1
     for ahead in (0.22, -0.22):
         assert reached(robot_models, stop, spurs) > reached(robot_models, Stop(ahead_m=ahead, beside_m=0.62), spurs)
+
+
+def test_a_dispenser_in_the_hand_has_room_in_the_sweep_of_a_scan(robot_models: Any, bench: Bench) -> None:
+    for stop in (Stop(ahead_m=0.0, beside_m=least) for least in VINE_STOPS.beside_m):
+        row_y = ARM_SIDE_M + stop.beside_m - 0.015  # parked a little too near
+        path = sweep_path(ScanVineGoal(plant="v0"), DESCRIPTION.arm.T_base_link_arm_base, row_y)
+        box = StaticBox(name="row", center=(0.25, row_y + 0.38, 0.4), half_size=(1.5, 0.5, 0.9), ignore_links=())
+        assert find_postures(bench.ctx, path.poses, (box,), holding=True)
 
 
 @pytest.mark.parametrize("height", [0.7, 0.8, 0.9])
