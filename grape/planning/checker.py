@@ -153,8 +153,12 @@ def _packed(model: SphereModel, grid: Array) -> Array:
     first = np.searchsorted(model.spheres[:, 0], np.arange(model.joint_count + 2))
     pairs = np.searchsorted(model.capsule_table[:, 0], model.capsule_pairs[:, [0, 2]])
     counts = [model.joint_count, len(model.spheres), len(model.capsule_table), len(pairs), len(model.box_table)]
+    first_last, half = model.capsule_table[:, :2], model.capsule_table[:, 2]
+    length = 2.0 * (half - model.spheres[first_last[:, 0].astype(int), 4])
+    per_metre = (first_last[:, 1] - first_last[:, 0]) / np.maximum(length, 1e-9)  # spheres along a capsule
+    capsules = np.column_stack([model.capsule_table, per_metre])
     parts = (
-        counts, grid, model.placements[:, :3], model.spheres[:, 1:].T, first, model.capsule_table,
+        counts, grid, model.placements[:, :3], model.spheres[:, 1:].T, first, capsules,
         pairs, model.box_table.T, model.box_mask, np.zeros(3 * (counts[1] + counts[2]) + counts[4]),
     )  # fmt: skip
     return np.concatenate([np.ravel(part) for part in parts]).astype(float)
