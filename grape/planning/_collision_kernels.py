@@ -10,12 +10,14 @@ from grape.planning._field_kernels import field_at
 NOTHING, CLOUD, BOX, SELF = 0, 1, 2, 3
 INTERPOLATION = 1.74  # voxels by which two interpolated distances can differ more than their points are apart
 
+PROBES = (0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)  # along an edge, looked at before it is walked
+
 
 @njit(cache=True)
 def _places(arm):
     """Counts of joints, spheres, capsules, pairs and boxes in the flat array that `StateChecker` packs, and where its
     parts begin: spheres, the first sphere of each joint, capsules, pairs, boxes, mask, and room for the centres of the
-    spheres, the middles of the capsules and the gaps to the boxes."""
+    spheres, the middles of the capsules and the gaps to the boxes; behind them the box about all boxes."""
     n, m, c, k, b = int(arm[0]), int(arm[1]), int(arm[2]), int(arm[3]), int(arm[4])
     spheres = 10 + 12 * n
     first = spheres + 4 * m
@@ -124,7 +126,11 @@ def _spared(excess, per_metre):
 def _box_clearance(c, arm, places, padding, best, stop):
     """(clearance, sphere, box) of capsule `c` where it is below `best`, else sphere -1."""
     _, m, count, _, total, spheres, _, capsules, _, boxes, mask, centers, middles, gaps = places
-    _outside_all(arm[middles + c], arm[middles + count + c], arm[middles + 2 * count + c], arm, boxes, gaps, total)
+    hull, near = gaps + total, arm[capsules + 4 * c + 2] + padding + best
+    x, y, z = arm[middles + c], arm[middles + count + c], arm[middles + 2 * count + c]
+    if total == 0 or _box_distance(x, y, z, arm, hull, 1, 0) > near:
+        return best, -1, -1
+    _outside_all(x, y, z, arm, boxes, gaps, total)
     first, second = -1, -1
     for b in range(total):
         near = max(arm[capsules + 4 * c + 2] + padding + best, 0.0)
@@ -245,6 +251,11 @@ def edge_valid(q0, q1, reach, arm, field, padding, self_padding, least_step):
     if not state_valid(q1, arm, field, padding, self_padding):
         return False, 1
     q = np.empty(n)
+    for probe in PROBES:  # what is deeper than a step cannot be stepped over, so the walk would end as well
+        for i in range(n):
+            q[i] = q0[i] + probe * (q1[i] - q0[i])
+        if not state_valid(q, arm, field, padding - least_step, self_padding - least_step):
+            return False, 1
     t, checked, kind, sphere, other = 0.0, 1, NOTHING, -1, -1
     while t < 1.0:
         for i in range(n):

@@ -157,8 +157,11 @@ def _packed(model: SphereModel, grid: Array) -> Array:
     length = 2.0 * (half - model.spheres[first_last[:, 0].astype(int), 4])
     per_metre = (first_last[:, 1] - first_last[:, 0]) / np.maximum(length, 1e-9)  # spheres along a capsule
     capsules = np.column_stack([model.capsule_table, per_metre])
+    boxes = model.box_table if len(model.box_table) else np.zeros((1, 6))
+    low, high = (boxes[:, :3] - boxes[:, 3:]).min(axis=0), (boxes[:, :3] + boxes[:, 3:]).max(axis=0)
     parts = (
         counts, grid, model.placements[:, :3], model.spheres[:, 1:].T, first, capsules,
         pairs, model.box_table.T, model.box_mask, np.zeros(3 * (counts[1] + counts[2]) + counts[4]),
+        0.5 * (low + high), 0.5 * (high - low),
     )  # fmt: skip
     return np.concatenate([np.ravel(part) for part in parts]).astype(float)
