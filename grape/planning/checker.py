@@ -149,7 +149,7 @@ class StateChecker:
 
 
 def _packed(model: SphereModel, grid: Array) -> Array:
-    """Everything but the distances in one flat array, see `unpack`: a call that takes few arrays costs little."""
+    """Everything but the distances in one flat array, a call that takes few arrays costs little."""
     first = np.searchsorted(model.spheres[:, 0], np.arange(model.joint_count + 2))
     pairs = np.searchsorted(model.capsule_table[:, 0], model.capsule_pairs[:, [0, 2]])
     counts = [model.joint_count, len(model.spheres), len(model.capsule_table), len(pairs), len(model.box_table)]
