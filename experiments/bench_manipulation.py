@@ -31,19 +31,21 @@ class BenchError(GrapeError):
     """Two sides of a comparison do not do the same."""
 
 
-def seconds(work: Callable[[], object], rounds: int = ROUNDS, repeats: int = 1) -> float:
-    """Processor time of one call of `work`: the median of rounds of `repeats` calls, after one that does not count.
+def seconds(*works: Callable[[], object], rounds: int = ROUNDS, repeats: int = 1) -> list[float]:
+    """Processor time of one call of each work: the least of some rounds in which they take turns.
 
-    What else the machine does meanwhile counts less than it would on the wall clock.
+    One call of each does not count. What else the machine does slows both sides of a round, and the least round least.
     """
-    work()
-    times = []
+    for work in works:
+        work()
+    times: list[list[float]] = [[] for _ in works]
     for _ in range(rounds):
-        start = process_time()
-        for _ in range(repeats):
-            work()
-        times.append((process_time() - start) / repeats)
-    return statistics.median(times)
+        for work, row in zip(works, times, strict=True):
+            start = process_time()
+            for _ in range(repeats):
+                work()
+            row.append((process_time() - start) / repeats)
+    return [min(row) for row in times]
 
 
 def run(progress: Progress) -> tuple[Comparison, ...]:
@@ -70,15 +72,17 @@ def state_checks(scene: BenchScene) -> list[Comparison]:
     states = scene.states(400, rng)
     checker = scene.checker
     said = np.array([checker.is_valid(q) for q in states])
-    single = seconds(partial(_check_all, checker.is_valid, states)) / len(states)
-    along = _along_motions(checker, scene.free_states(40, rng))
+    edges, count = _motions(checker, scene.free_states(40, rng))
     rows = []
     for name in BROADPHASES:
         peer = BroadphaseChecker(scene, name)
         agreement = float(np.mean(said == [peer.is_valid(q) for q in states]))
         if agreement < AGREEMENT:
             raise BenchError(f"our check and Pinocchio's {name} agree on {100 * agreement:.0f} % of the states only")
-        theirs = seconds(partial(_check_all, peer.is_valid, states)) / len(states)
+        single, along, theirs = seconds(
+            partial(_check_all, checker.is_valid, states), edges, partial(_check_all, peer.is_valid, states), rounds=15
+        )
+        single, along, theirs = single / len(states), along / count, theirs / len(states)
         for what, ours in (("state check, one call", single), ("state check, along a motion", along)):
             rows.append(
                 Comparison(
@@ -94,14 +98,13 @@ def _check_all(is_valid: Callable[[Array], bool], states: Array) -> None:
         is_valid(q)
 
 
-def _along_motions(checker: StateChecker, states: Array) -> float:
-    """Seconds per state of motions between free states, the blocked ones checked up to where they are blocked."""
+def _motions(checker: StateChecker, states: Array) -> tuple[Callable[[], object], int]:
+    """Checks of the motions between free states, the blocked ones up to where they are blocked; and how many states."""
     pairs = list(zip(states[::2], states[1::2], strict=True))
     before = checker.checked
     for a, b in pairs:
         checker.edge_valid(a, b)
-    count = checker.checked - before
-    return seconds(lambda: [checker.edge_valid(a, b) for a, b in pairs]) / count
+    return lambda: [checker.edge_valid(a, b) for a, b in pairs], checker.checked - before
 
 
 def plans(scene: BenchScene, progress: Callable[[float], None]) -> list[Comparison]:
@@ -113,7 +116,7 @@ def plans(scene: BenchScene, progress: Callable[[float], None]) -> list[Comparis
     quick = replace(whole.options, attempts=1, simplify_steps=0)
     first = JointPlanner(whole.lower, whole.upper, whole.velocity, quick)
     peer, limits = BroadphaseChecker(scene, PLAN_PEER), whole.bounds()
-    times: list[tuple[float, float, float]] = []
+    times: list[tuple[float, ...]] = []
     while len(times) < PLANS:
         start, goal = scene.free_states(2, rng)
         if checker.edge_valid(start, goal) or not (peer.is_valid(start) and peer.is_valid(goal)):
@@ -122,7 +125,7 @@ def plans(scene: BenchScene, progress: Callable[[float], None]) -> list[Comparis
         search = partial(rrt_connect, start, goal, limits, peer.is_valid, quick.range_rad, seed)
         ours = [partial(_plan, planner, start, goal, checker, seed) for planner in (first, whole)]
         if all(work() for work in (search, *ours)):
-            times.append((seconds(ours[0], rounds=3), seconds(ours[1], rounds=1), seconds(search, rounds=1)))
+            times.append(tuple(seconds(*ours, search, rounds=5)))
             progress(len(times) / PLANS)
     quickest, shortened, theirs = (1e3 * statistics.median(column) for column in zip(*times, strict=True))
     return [
@@ -170,15 +173,16 @@ def servo_cycle(scene: BenchScene) -> list[Comparison]:
     velocity, theirs = solver.solve(q, wish).velocity, step(q, wish)
     if np.abs(velocity - theirs).max() > 0.02:
         raise BenchError(f"joint velocities differ: ours {velocity}, {name}: {theirs}")
-    peer_us = 1e6 * seconds(lambda: step(q, wish), repeats=300)
+    works = (beat, lambda: solver.solve(q, wish), lambda: step(q, wish))
+    cycle_us, alone_us, peer_us = (1e6 * least for least in seconds(*works, repeats=100))
     return [
         Comparison(
             quantity="servo cycle: law, joint velocities, clearance", unit="µs",
-            value=1e6 * seconds(beat, repeats=300), value_goal="<= 100",
+            value=cycle_us, value_goal="<= 100",
         ),
         Comparison(
             quantity="joint velocities alone", unit="µs",
-            value=1e6 * seconds(lambda: solver.solve(q, wish), repeats=300), peer=name, peer_value=peer_us,
+            value=alone_us, peer=name, peer_value=peer_us,
         ),
     ]  # fmt: skip
 
@@ -215,14 +219,17 @@ def clouds(scene: BenchScene) -> list[Comparison]:
     counts = len(voxel_grid(points, 0.005)), voxels()
     if abs(counts[0] - counts[1]) > 0.05 * counts[1]:
         raise BenchError(f"voxels: ours {counts[0]}, Open3D's {counts[1]}")
+    poses_s, ours_s, theirs_s = seconds(
+        lambda: extract_poses(points, scene.eyes), lambda: voxel_grid(points, 0.005), voxels
+    )
     return [
         Comparison(
             quantity=f"{len(points) // 1000}k points to deployment poses", unit="ms",
-            value=1e3 * seconds(lambda: extract_poses(points, scene.eyes)), value_goal="<= 150",
+            value=1e3 * poses_s, value_goal="<= 150",
         ),
         Comparison(
             quantity=f"voxel grid of {len(points) // 1000}k points", unit="ms",
-            value=1e3 * seconds(lambda: voxel_grid(points, 0.005)), peer="Open3D", peer_value=1e3 * seconds(voxels),
+            value=1e3 * ours_s, peer="Open3D", peer_value=1e3 * theirs_s,
         ),
     ]  # fmt: skip
 

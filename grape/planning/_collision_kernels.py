@@ -10,17 +10,19 @@ from grape.planning._field_kernels import field_at
 NOTHING, CLOUD, BOX, SELF = 0, 1, 2, 3
 INTERPOLATION = 1.74  # voxels by which two interpolated distances can differ more than their points are apart
 
+PROBES = (0.5, 0.25, 0.75, 0.125, 0.375, 0.625, 0.875)  # along an edge, looked at before it is walked
+
 
 @njit(cache=True)
 def _places(arm):
     """Counts of joints, spheres, capsules, pairs and boxes in the flat array that `StateChecker` packs, and where its
     parts begin: spheres, the first sphere of each joint, capsules, pairs, boxes, mask, and room for the centres of the
-    spheres, the middles of the capsules and the gaps to the boxes."""
+    spheres, the middles of the capsules and the gaps to the boxes; behind them the box about all boxes."""
     n, m, c, k, b = int(arm[0]), int(arm[1]), int(arm[2]), int(arm[3]), int(arm[4])
     spheres = 10 + 12 * n
     first = spheres + 4 * m
     capsules = first + n + 2
-    pairs = capsules + 3 * c
+    pairs = capsules + 4 * c
     boxes = pairs + 2 * k
     mask = boxes + 6 * b
     centers = mask + c * b
@@ -63,7 +65,7 @@ def _centers(q, arm, places):
             cy[s] = py + r10 * x[s] + r11 * y[s] + r12 * z[s]
             cz[s] = pz + r20 * x[s] + r21 * y[s] + r22 * z[s]
     for k in range(c):
-        s0, s1 = int(arm[capsules + 3 * k]), int(arm[capsules + 3 * k + 1])
+        s0, s1 = int(arm[capsules + 4 * k]), int(arm[capsules + 4 * k + 1])
         arm[middles + k] = 0.5 * (cx[s0] + cx[s1])
         arm[middles + c + k] = 0.5 * (cy[s0] + cy[s1])
         arm[middles + 2 * c + k] = 0.5 * (cz[s0] + cz[s1])
@@ -86,20 +88,23 @@ def _least_clearance(arm, places, field, padding, self_padding, most, stop):
     """
     m, count, capsules, centers, middles = places[1], places[2], places[7], places[11], places[12]
     radii, grid = places[5] + 3 * m, arm[5:10]
+    slack = padding + INTERPOLATION * grid[3]
     best, kind, first, second = most, NOTHING, -1, -1
     for c in range(count - 1, -1, -1):  # the hand first: it hits most often
-        s0, s1 = int(arm[capsules + 3 * c]), int(arm[capsules + 3 * c + 1])
-        around = arm[capsules + 3 * c + 2] + padding + INTERPOLATION * grid[3]
-        x, y, z = arm[middles + c], arm[middles + count + c], arm[middles + 2 * count + c]
-        if field_at(x, y, z, field, grid) - around < best:
-            for s in range(s1, s0 - 1, -1):
-                distance = field_at(arm[centers + s], arm[centers + m + s], arm[centers + 2 * m + s], field, grid)
-                d = distance - arm[radii + s] - padding
-                if d < best:
-                    best, first, second = d, s, -1
-                    kind = CLOUD if distance < grid[4] - 1e-6 else NOTHING
-                    if best < stop:
-                        return best, kind, first, second
+        s, end, around = int(arm[capsules + 4 * c + 1]), int(arm[capsules + 4 * c]), arm[capsules + 4 * c + 2] + slack
+        if grid[4] - around >= best:
+            x, y, z = arm[middles + c], arm[middles + count + c], arm[middles + 2 * count + c]
+            if field_at(x, y, z, field, grid) - around >= best:
+                s = end - 1
+        while s >= end:
+            distance = field_at(arm[centers + s], arm[centers + m + s], arm[centers + 2 * m + s], field, grid)
+            d = distance - arm[radii + s] - padding
+            if d < best:
+                best, first, second = d, s, -1
+                kind = CLOUD if distance < grid[4] - 1e-6 else NOTHING
+                if best < stop:
+                    return best, kind, first, second
+            s -= 1 + _spared(distance - arm[radii + s] - slack - best, arm[capsules + 4 * c + 3])
         d, s, b = _box_clearance(c, arm, places, padding, best, stop)
         if s >= 0:
             best, kind, first, second = d, BOX, s, b
@@ -111,23 +116,35 @@ def _least_clearance(arm, places, field, padding, self_padding, most, stop):
     return best, kind, first, second
 
 
+@njit(cache=True)
+def _spared(excess, per_metre):
+    """How many of the next spheres of a capsule cannot be nearer than the best, as one is farther by `excess` m."""
+    return int(excess * per_metre) if excess > 0.0 else 0
+
+
 @njit(cache=True, error_model="numpy")
 def _box_clearance(c, arm, places, padding, best, stop):
     """(clearance, sphere, box) of capsule `c` where it is below `best`, else sphere -1."""
     _, m, count, _, total, spheres, _, capsules, _, boxes, mask, centers, middles, gaps = places
-    _outside_all(arm[middles + c], arm[middles + count + c], arm[middles + 2 * count + c], arm, boxes, gaps, total)
+    hull, near = gaps + total, arm[capsules + 4 * c + 2] + padding + best
+    x, y, z = arm[middles + c], arm[middles + count + c], arm[middles + 2 * count + c]
+    if total == 0 or _box_distance(x, y, z, arm, hull, 1, 0) > near:
+        return best, -1, -1
+    _outside_all(x, y, z, arm, boxes, gaps, total)
     first, second = -1, -1
     for b in range(total):
-        near = max(arm[capsules + 3 * c + 2] + padding + best, 0.0)
+        near = max(arm[capsules + 4 * c + 2] + padding + best, 0.0)
         if arm[gaps + b] > near * near or arm[mask + c * total + b] == 0.0:
             continue
-        for s in range(int(arm[capsules + 3 * c + 1]), int(arm[capsules + 3 * c]) - 1, -1):
+        s = int(arm[capsules + 4 * c + 1])
+        while s >= int(arm[capsules + 4 * c]):
             x, y, z = arm[centers + s], arm[centers + m + s], arm[centers + 2 * m + s]
             d = _box_distance(x, y, z, arm, boxes, total, b) - arm[spheres + 3 * m + s] - padding
             if d < best:
                 best, first, second = d, s, b
                 if best < stop:
                     return best, first, second
+            s -= 1 + _spared(d - best - 1e-9, arm[capsules + 4 * c + 3])
     return best, first, second
 
 
@@ -142,17 +159,17 @@ def _self_clearance(arm, places, self_padding, best, stop):
         bx, by, bz = arm[middles + b], arm[middles + count + b], arm[middles + 2 * count + b]
         dx, dy = arm[middles + a] - bx, arm[middles + count + a] - by
         dz = arm[middles + 2 * count + a] - bz
-        half = arm[capsules + 3 * b + 2] + self_padding
-        near = max(arm[capsules + 3 * a + 2] + half + best, 0.0)
+        half = arm[capsules + 4 * b + 2] + self_padding
+        near = max(arm[capsules + 4 * a + 2] + half + best, 0.0)
         if dx * dx + dy * dy + dz * dz > near * near:
             continue
-        for i in range(int(arm[capsules + 3 * a]), int(arm[capsules + 3 * a + 1]) + 1):
+        for i in range(int(arm[capsules + 4 * a]), int(arm[capsules + 4 * a + 1]) + 1):
             x, y, z = arm[centers + i], arm[centers + m + i], arm[centers + 2 * m + i]
             near = max(arm[radii + i] + half + best, 0.0)
             dx, dy, dz = x - bx, y - by, z - bz
             if dx * dx + dy * dy + dz * dz > near * near:
                 continue
-            for j in range(int(arm[capsules + 3 * b]), int(arm[capsules + 3 * b + 1]) + 1):
+            for j in range(int(arm[capsules + 4 * b]), int(arm[capsules + 4 * b + 1]) + 1):
                 dx, dy, dz = x - arm[centers + j], y - arm[centers + m + j], z - arm[centers + 2 * m + j]
                 gap = arm[radii + i] + arm[radii + j] + self_padding
                 near = max(gap + best, 0.0)
@@ -234,6 +251,11 @@ def edge_valid(q0, q1, reach, arm, field, padding, self_padding, least_step):
     if not state_valid(q1, arm, field, padding, self_padding):
         return False, 1
     q = np.empty(n)
+    for probe in PROBES:  # what is deeper than a step cannot be stepped over, so the walk would end as well
+        for i in range(n):
+            q[i] = q0[i] + probe * (q1[i] - q0[i])
+        if not state_valid(q, arm, field, padding - least_step, self_padding - least_step):
+            return False, 1
     t, checked, kind, sphere, other = 0.0, 1, NOTHING, -1, -1
     while t < 1.0:
         for i in range(n):

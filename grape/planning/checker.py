@@ -149,12 +149,19 @@ class StateChecker:
 
 
 def packed(model: SphereModel, grid: Array) -> Array:
-    """Everything but the distances in one flat array, see `unpack`: a call that takes few arrays costs little."""
+    """Everything but the distances in one flat array: a call that takes few arrays costs little."""
     first = np.searchsorted(model.spheres[:, 0], np.arange(model.joint_count + 2))
     pairs = np.searchsorted(model.capsule_table[:, 0], model.capsule_pairs[:, [0, 2]])
     counts = [model.joint_count, len(model.spheres), len(model.capsule_table), len(pairs), len(model.box_table)]
+    first_last, half = model.capsule_table[:, :2], model.capsule_table[:, 2]
+    length = 2.0 * (half - model.spheres[first_last[:, 0].astype(int), 4])
+    per_metre = (first_last[:, 1] - first_last[:, 0]) / np.maximum(length, 1e-9)  # spheres along a capsule
+    capsules = np.column_stack([model.capsule_table, per_metre])
+    boxes = model.box_table if len(model.box_table) else np.zeros((1, 6))
+    low, high = (boxes[:, :3] - boxes[:, 3:]).min(axis=0), (boxes[:, :3] + boxes[:, 3:]).max(axis=0)
     parts = (
-        counts, grid, model.placements[:, :3], model.spheres[:, 1:].T, first, model.capsule_table,
+        counts, grid, model.placements[:, :3], model.spheres[:, 1:].T, first, capsules,
         pairs, model.box_table.T, model.box_mask, np.zeros(3 * (counts[1] + counts[2]) + counts[4]),
+        0.5 * (low + high), 0.5 * (high - low),
     )  # fmt: skip
     return np.concatenate([np.ravel(part) for part in parts]).astype(float)
