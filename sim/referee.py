@@ -215,6 +215,7 @@ class Referee:
         }
         return {
             "truth": {
+                "loaded": sum(place.where != DispenserPlace.STOCK for place in places),
                 "hanging": sorted(hanging),
                 "dropped": sum(place.where == DispenserPlace.DROPPED for place in places),
                 "in_feeder": sum(place.where == DispenserPlace.FEEDER for place in places),

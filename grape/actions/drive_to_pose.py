@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,6 +23,7 @@ from grape.navigation.path import Path, in_frame_of
 from grape.navigation.planner import PlannerOptions, path_blocked, plan_route
 from grape.navigation.route import row_zones, waypoints
 from grape.navigation.surroundings import Surroundings, SurroundingsOptions
+from grape.site import Site
 
 CONTROL_PERIOD_S = 0.05
 SCAN_PERIOD_S = 0.10
@@ -77,20 +78,46 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
         return drive.result()
 
 
+def shortest_way(ctx: Context, goals: Sequence[tuple[float, float, float]]) -> int:
+    """Index of the goal (x, y, yaw in map) that is nearest by driving, by what the site file says is in the way.
+
+    Raises:
+        ActionFailed: NO_PATH, with what was wrong with the last, when none can be reached.
+    """
+    T_map_base, targets = ctx.world.base_pose(), np.array(goals)
+    pose = np.array([T_map_base[0, 3], T_map_base[1, 3], yaw_of(T_map_base)])
+    footprint = footprint_of(ctx.robot.description.base.footprint)
+    costs = _surroundings(ctx.world.site, targets, footprint).overall()
+    lengths, failed = [], ActionFailed(Reason.NO_PATH, "nowhere to go")
+    for target in targets:
+        stops = waypoints(ctx.world.site.rows, pose, target)
+        try:
+            lengths.append(plan_route(costs, pose, stops, PlannerOptions(footprint=footprint)).length)
+        except ActionFailed as failure:
+            failed = failure
+            lengths.append(np.inf)
+    if not np.isfinite(lengths).any():
+        raise failed
+    return int(np.argmin(lengths))
+
+
+def _surroundings(site: Site, targets: Array, footprint: Footprint) -> Surroundings:
+    """Prohibited areas of a site, around everything on it and the targets (n, 3)."""
+    points = [*(row.line for row in site.rows), *(area.polygon for area in site.headlands), site.start, targets[:, :2]]
+    return Surroundings(
+        [*(fence.polygon for fence in site.fences), *row_zones(site.rows)],
+        np.vstack(points),
+        SurroundingsOptions(footprint=footprint, inflation=InflationOptions(inscribed=footprint.inscribed)),
+    )
+
+
 class _Drive:
     """One drive: sensing, planning and following in their own periods."""
 
     def __init__(self, target: Array, goal: DriveGoal, ctx: Context) -> None:
         self._ctx, self._goal, self._target = ctx, goal, target
         footprint = footprint_of(ctx.robot.description.base.footprint)
-        site = ctx.world.site
-        self._surroundings = Surroundings(
-            [*(fence.polygon for fence in site.fences), *row_zones(site.rows)],
-            np.vstack(
-                [*(row.line for row in site.rows), *(area.polygon for area in site.headlands), site.start, target[:2]]
-            ),
-            SurroundingsOptions(footprint=footprint, inflation=InflationOptions(inscribed=footprint.inscribed)),
-        )
+        self._surroundings = _surroundings(ctx.world.site, target[None], footprint)
         self._planner = PlannerOptions(footprint=footprint)
         self._monitor = MonitorOptions(footprint=footprint)
         self._follower = PurePursuit(PursuitOptions(speed=goal.speed, footprint=footprint))

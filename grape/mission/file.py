@@ -36,6 +36,18 @@ class Selection(Model):
     vine_mode: Literal["plant", "plant_open_loop"] = "plant"
 
 
+class Refill(Model):
+    """How the feeder is refilled at the site's refill point.
+
+    `stock`: dispensers that are ready there; left out, one for each plant beyond those in the feeder. `fill`: a refill
+    brings the feeder up to so many. `after_s`: shortest and longest time that the simulated operator takes.
+    """
+
+    stock: Annotated[int, Field(ge=0, le=200)] | None = None
+    fill: Annotated[int, Field(ge=1, le=8)] = 8
+    after_s: tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(le=3600)]] = (15.0, 40.0)
+
+
 class MissionFile(Model):
     """The keys of a mission file."""
 
@@ -50,6 +62,7 @@ class MissionFile(Model):
     plants: tuple[PlantGoal, ...] | None = None
     select: Selection | None = None
     dispensers: Annotated[int, Field(ge=0, le=8)] = 8
+    refill: Refill = Field(default_factory=Refill)
     arm_errors: Annotated[float, Field(ge=0, le=2)] = 0.0
     time_limit_s: Annotated[float, Field(gt=0, le=86400)] = 1500.0
     actions: dict[str, dict[str, Any]] = Field(default_factory=dict)
@@ -84,11 +97,20 @@ class Mission:
     def seed(self) -> int:
         return self.file.seed
 
+    @property
+    def stock(self) -> int:
+        """Dispensers that are ready for refills: none where the site has no refill point."""
+        if not self.site.refills:
+            return 0
+        stock = self.file.refill.stock
+        return max(0, len(self.plants) - self.file.dispensers) if stock is None else stock
+
     def resolved(self) -> dict[str, Any]:
         """The mission as it runs, every default written out; loading it again gives the same mission."""
         data = self.file.model_dump(mode="json", exclude={"select"}, exclude_none=True)
         data["world"] = {"type": self.file.world.get("type", "vineyard"), **dataclasses.asdict(self.world)}
         data["plants"] = [plant.model_dump() for plant in self.plants]
+        data["refill"]["stock"] = self.stock
         if self.surveyed:
             data["site"] = "site.geojson"
         return data
@@ -119,6 +141,7 @@ def load_mission(name: str, overrides: Iterable[str] = (), world: Path | None = 
         problems += error.problems
     plants = _plants(file, document, site, problems) if site is not None else ()
     actions = _actions(file, tree, document, problems)
+    _check_refill(file, site, document, problems)
     if problems or options is None or site is None:
         raise FileError(problems)
     surveyed = file.site is not None
@@ -192,6 +215,16 @@ def _world_and_site(file: MissionFile, document: Document, folder: Path) -> tupl
     if not path.is_file():
         raise FileError([document.problem(("site",), f"got {file.site!r}", "the path of a GeoJSON file")])
     return options, load_site(path)
+
+
+def _check_refill(file: MissionFile, site: Site | None, document: Document, problems: list[Problem]) -> None:
+    refill = file.refill
+    if refill.after_s[0] > refill.after_s[1]:
+        got = f"got {list(refill.after_s)}"
+        problems.append(document.problem(("refill", "after_s"), got, "the shortest time, then the longest"))
+    if refill.stock and site is not None and not site.refills:
+        got = f"got {refill.stock}, but the site has no refill point"
+        problems.append(document.problem(("refill", "stock"), got, "0, or a feature of kind refill in the site file"))
 
 
 def _actions(
