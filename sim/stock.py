@@ -14,7 +14,6 @@ from grape.sim.dispenser import place_dispenser
 
 STORE_Z_M = -50.0
 STORE_PITCH_M = 0.3  # between neighbours, along map x
-_AWAKE = -(1 + mujoco.mjMINAWAKE)  # of `tree_asleep`: not about to sleep
 
 
 def store(spec: mujoco.MjSpec, names: list[str]) -> None:
@@ -42,9 +41,8 @@ def take_out(model: mujoco.MjModel, data: mujoco.MjData, name: str, T_map_loop: 
 
 
 def wake_placed(model: mujoco.MjModel, data: mujoco.MjData) -> None:
-    """Let those never sleep again whose state says that they were taken out."""
+    """Let those never sleep again whose state says that they were taken out; MuJoCo wakes them by itself."""
     for tree in np.flatnonzero(model.tree_sleep_policy == mujoco.mjtSleepPolicy.mjSLEEP_INIT):
         joint = model.body_jntadr[model.tree_bodyadr[tree]]
         if not in_store(float(data.qpos[model.jnt_qposadr[joint] + 2])):
             model.tree_sleep_policy[tree] = mujoco.mjtSleepPolicy.mjSLEEP_NEVER
-            data.tree_asleep[tree] = _AWAKE

@@ -77,6 +77,13 @@ def test_the_operator_fills_the_empty_levels_and_says_how_many(simulate):
     assert np.diff(heights) == pytest.approx([DESCRIPTION.feeder.pitch] * 2, abs=0.002), "each lies on its level"
     truth = simulation.referee.verdict()["truth"]
     assert (truth["loaded"], truth["in_feeder"], truth["dropped"]) == (3, 3, 0)
+    for _ in range(150):
+        simulation.drivers.base.send(0.6, 0.3)
+        simulation.advance()
+    assert where(simulation) == [FEEDER, FEEDER, FEEDER, STOCK], "they ride along"
+    assert len(set(data.body(f"dispenser_{k}").xpos[0] // 0.1 for k in range(3))) <= 2 and data.body_awake[
+        simulation._physics.model.body("dispenser_2").id
+    ]
 
 
 def test_nobody_comes_uncalled_or_elsewhere_or_while_something_moves(simulate):
@@ -162,12 +169,12 @@ def test_the_camera_sees_dispensers_that_were_put_in(simulate):
 
     def red():
         bgr = simulation.drivers.camera.latest().bgr.astype(int)
-        return int(((bgr[..., 2] > 110) & (bgr[..., 1] < 70) & (bgr[..., 0] < 70)).sum())
+        return int(((bgr[..., 2] > 120) & (bgr[..., 1] < 40) & (bgr[..., 0] < 40)).sum())
 
     for _ in range(20):
         simulation.advance()
-    assert red() < 20
+    before = red()
     call(simulation, 2.0)
     for _ in range(30):
         simulation.advance()
-    assert red() > 100
+    assert red() > before + 300, "the wings of the topmost"
