@@ -40,8 +40,10 @@ def wait_for_refill(goal: WaitForRefillGoal, ctx: Context) -> Generator[Feedback
         ctx.ledger.step("refill"),
         ctx.base.lease("WaitForRefill") as base,
         ctx.arm.lease("WaitForRefill") as arm,
-        ctx.gripper.lease("WaitForRefill"),
+        ctx.gripper.lease("WaitForRefill") as fingers,
     ):
+        gripper = ctx.robot.description.gripper
+        closed = np.array([gripper.thumb_clear, gripper.closed_angle, gripper.closed_angle])
         still = np.asarray(ctx.robot.description.arm.poses[goal.pose])
         yield from move_to_joints(ctx, arm, (still,), status="moving out of the way", absolute=True)
         while not (told := ctx.drivers.operator.refilled(ctx.ledger.refills())):
@@ -51,6 +53,7 @@ def wait_for_refill(goal: WaitForRefillGoal, ctx: Context) -> Generator[Feedback
             ctx.drivers.operator.call()
             base.send(0.0, 0.0)
             arm.send(np.zeros(len(still)))
+            fingers.send(closed)
             yield Feedback(status=f"waiting for a refill, {waited_s:.0f} s", progress=waited_s / goal.timeout_s)
         added = sum(_write_down(ctx, refill) for refill in told)
     if not added:

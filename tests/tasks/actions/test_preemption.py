@@ -132,7 +132,7 @@ CASES = {
     "SkipPlants": Case(lambda bench, task: {"why": "refill_timeout"}),
     "Unwind": Case(wound, ("arm",)),
     "WaitForLocalization": Case(lost),
-    "WaitForRefill": Case(nothing, ("base", "arm")),
+    "WaitForRefill": Case(nothing, ("base", "arm", "gripper")),
     "WithdrawHand": Case(cut_off_grasp, ("arm", "gripper")),
 }
 MOVING = [name for name, case in CASES.items() if case.holds]
