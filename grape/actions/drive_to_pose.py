@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from grape.actions.core import Context, Feedback, action
+from grape.actions.shortest_way import footprint_of, site_surroundings
 from grape.drivers import BaseDriver
 from grape.errors import ActionFailed, GoalRejected, Reason, StaleData
 from grape.frames import FrameError
 from grape.geometry import yaw_of
 from grape.messages import Array
 from grape.navigation.beams import scan_points
-from grape.navigation.costmap import InflationOptions
 from grape.navigation.follower import FollowerState, Phase, PurePursuit, PursuitOptions
-from grape.navigation.grid import Costmap, Footprint
+from grape.navigation.grid import Costmap
 from grape.navigation.monitor import MonitorOptions, speed_factor
 from grape.navigation.path import Path, in_frame_of
 from grape.navigation.planner import PlannerOptions, path_blocked, plan_route
-from grape.navigation.route import row_zones, waypoints
-from grape.navigation.surroundings import Surroundings, SurroundingsOptions
-from grape.site import Site
+from grape.navigation.route import waypoints
 
 CONTROL_PERIOD_S = 0.05
 SCAN_PERIOD_S = 0.10
@@ -78,46 +76,13 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
         return drive.result()
 
 
-def shortest_way(ctx: Context, goals: Sequence[tuple[float, float, float]]) -> int:
-    """Index of the goal (x, y, yaw in map) that is nearest by driving, by what the site file says is in the way.
-
-    Raises:
-        ActionFailed: NO_PATH, with what was wrong with the last, when none can be reached.
-    """
-    T_map_base, targets = ctx.world.base_pose(), np.array(goals)
-    pose = np.array([T_map_base[0, 3], T_map_base[1, 3], yaw_of(T_map_base)])
-    footprint = footprint_of(ctx.robot.description.base.footprint)
-    costs = _surroundings(ctx.world.site, targets, footprint).overall()
-    lengths, failed = [], ActionFailed(Reason.NO_PATH, "nowhere to go")
-    for target in targets:
-        stops = waypoints(ctx.world.site.rows, pose, target)
-        try:
-            lengths.append(plan_route(costs, pose, stops, PlannerOptions(footprint=footprint)).length)
-        except ActionFailed as failure:
-            failed = failure
-            lengths.append(np.inf)
-    if not np.isfinite(lengths).any():
-        raise failed
-    return int(np.argmin(lengths))
-
-
-def _surroundings(site: Site, targets: Array, footprint: Footprint) -> Surroundings:
-    """Prohibited areas of a site, around everything on it and the targets (n, 3)."""
-    points = [*(row.line for row in site.rows), *(area.polygon for area in site.headlands), site.start, targets[:, :2]]
-    return Surroundings(
-        [*(fence.polygon for fence in site.fences), *row_zones(site.rows)],
-        np.vstack(points),
-        SurroundingsOptions(footprint=footprint, inflation=InflationOptions(inscribed=footprint.inscribed)),
-    )
-
-
 class _Drive:
     """One drive: sensing, planning and following in their own periods."""
 
     def __init__(self, target: Array, goal: DriveGoal, ctx: Context) -> None:
         self._ctx, self._goal, self._target = ctx, goal, target
         footprint = footprint_of(ctx.robot.description.base.footprint)
-        self._surroundings = _surroundings(ctx.world.site, target[None], footprint)
+        self._surroundings = site_surroundings(ctx.world.site, target[None], footprint)
         self._planner = PlannerOptions(footprint=footprint)
         self._monitor = MonitorOptions(footprint=footprint)
         self._follower = PurePursuit(PursuitOptions(speed=goal.speed, footprint=footprint))
@@ -367,13 +332,3 @@ class _Drive:
             return False
         self._due[name] = now + period_s
         return True
-
-
-def footprint_of(corners: Array) -> Footprint:
-    """The rectangle around the corners (n, 2) m of a description."""
-    corners = np.asarray(corners)
-    return Footprint(
-        front=float(corners[:, 0].max()),
-        rear=float(-corners[:, 0].min()),
-        half_width=float(np.abs(corners[:, 1]).max()),
-    )

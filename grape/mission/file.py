@@ -13,6 +13,8 @@ from pydantic import Field
 from grape.config import Document, Model, load_yaml, override, read_text, validate, validate_options
 from grape.errors import FileError, Problem, did_you_mean
 from grape.mission.catalog import missions, robots, trees, world_type, worlds
+from grape.mission.refill import Refill as Refill
+from grape.mission.refill import check_refill
 from grape.plugins import TASKS, find
 from grape.site import Plant, Site, load_site
 
@@ -34,18 +36,6 @@ class Selection(Model):
     nails: Annotated[int, Field(ge=0, le=1000)] = 0
     vines: Annotated[int, Field(ge=0, le=1000)] = 0
     vine_mode: Literal["plant", "plant_open_loop"] = "plant"
-
-
-class Refill(Model):
-    """How the feeder is refilled at the site's refill point.
-
-    `stock`: dispensers that are ready there; left out, one for each plant beyond those in the feeder. `fill`: a refill
-    brings the feeder up to so many. `after_s`: shortest and longest time that the simulated operator takes.
-    """
-
-    stock: Annotated[int, Field(ge=0, le=200)] | None = None
-    fill: Annotated[int, Field(ge=1, le=8)] = 8
-    after_s: tuple[Annotated[float, Field(ge=0)], Annotated[float, Field(le=3600)]] = (15.0, 40.0)
 
 
 class MissionFile(Model):
@@ -141,7 +131,8 @@ def load_mission(name: str, overrides: Iterable[str] = (), world: Path | None = 
         problems += error.problems
     plants = _plants(file, document, site, problems) if site is not None else ()
     actions = _actions(file, tree, document, problems)
-    _check_refill(file, site, document, problems)
+    if site is not None:
+        problems += check_refill(file.refill, site, document)
     if problems or options is None or site is None:
         raise FileError(problems)
     surveyed = file.site is not None
@@ -215,16 +206,6 @@ def _world_and_site(file: MissionFile, document: Document, folder: Path) -> tupl
     if not path.is_file():
         raise FileError([document.problem(("site",), f"got {file.site!r}", "the path of a GeoJSON file")])
     return options, load_site(path)
-
-
-def _check_refill(file: MissionFile, site: Site | None, document: Document, problems: list[Problem]) -> None:
-    refill = file.refill
-    if refill.after_s[0] > refill.after_s[1]:
-        got = f"got {list(refill.after_s)}"
-        problems.append(document.problem(("refill", "after_s"), got, "the shortest time, then the longest"))
-    if refill.stock and site is not None and not site.refills:
-        got = f"got {refill.stock}, but the site has no refill point"
-        problems.append(document.problem(("refill", "stock"), got, "0, or a feature of kind refill in the site file"))
 
 
 def _actions(

@@ -127,11 +127,8 @@ def build_scene(mission: Mission) -> Scene:
     description = robot_description(mission.file.robot)
     robot = build_robot(description)
     world = world_type(mission.file.world.get("type", "vineyard")).grow(mission.site, mission.world)
-    refill = mission.file.refill
-    sensors = SensorOptions(
-        arm=ArmDriverOptions(errors=mission.file.arm_errors),
-        operator=OperatorOptions(fill=refill.fill, after_s=refill.after_s),
-    )
+    operator = OperatorOptions(fill=mission.file.refill.fill, after_s=mission.file.refill.after_s)
+    sensors = SensorOptions(arm=ArmDriverOptions(errors=mission.file.arm_errors), operator=operator)
     options = SimulationOptions(dispensers=mission.file.dispensers, stock=mission.stock, sensors=sensors)
     simulation = Simulation(world, description, seed=mission.seed, options=options)
     return Scene(mission=mission, tree=tree, robot=robot, simulation=simulation)

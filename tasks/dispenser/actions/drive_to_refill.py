@@ -6,8 +6,9 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.drive_to_pose import DriveGoal, drive_to_pose, shortest_way
+from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
 from grape.actions.obstacles import OBSTACLES
+from grape.actions.shortest_way import shortest_way
 from grape.errors import ActionFailed, Reason
 from grape.site import RefillPoint
 from grape.tasks.dispenser.actions.drive_to_plant import PARKED, STANDING

@@ -13,7 +13,7 @@ import pytest
 from paper_robot import PLANTS, Bench
 
 from grape.actions.core import Outcome
-from grape.actions.drive_to_pose import shortest_way
+from grape.actions.shortest_way import shortest_way
 from grape.drivers import NoOperator
 from grape.errors import ActionFailed, Reason
 from grape.mission.ledger import SqliteLedger
