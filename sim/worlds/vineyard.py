@@ -20,7 +20,7 @@ from grape.site import Area, Plant, RefillPoint, Row, Side, Site
 FENCE_HALF_WIDTH = 0.28
 HEADLAND_DEPTH = 5.5
 START = (-3.0, -1.3)
-REFILL = (-4.7, 0.0)  # in the headland, clear of start and rows; the robot comes out of a row and stops
+REFILL = (-4.4, -0.955)  # in the headland, facing the first lane: the robot leaves it straight ahead
 POST_CLEARANCE = 0.09  # vine wood keeps this far from a post's axis, along the row
 NAIL_CLEARANCE = 0.20
 
@@ -64,7 +64,7 @@ def vineyard_site(options: VineyardOptions) -> Site:
         fences=tuple(fences),
         start=np.array(START),
         start_heading_rad=0.0,
-        refills=(RefillPoint(id="refill", position=np.array(REFILL), yaw_rad=np.pi),),
+        refills=(RefillPoint(id="refill", position=np.array(REFILL), yaw_rad=0.0),),
     )
 
 
