@@ -54,6 +54,8 @@ class Reason(StrEnum):
     # dispensers
     NO_PLANT_LEFT = "no_plant_left"
     FEEDER_EMPTY = "feeder_empty"
+    NO_REFILL_POINT = "no_refill_point"
+    REFILL_TIMEOUT = "refill_timeout"
     GRASP_FAILED = "grasp_failed"
     DISPENSER_FALLEN = "dispenser_fallen"
     NO_DEPLOYMENT_POINT = "no_deployment_point"

@@ -160,3 +160,11 @@ class GripperState(Message):
 
     position: Array  # (fingers,) rad
     velocity: Array  # (fingers,) rad/s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Refilled(Message):
+    """What a person says after refilling the feeder: the how manieth refill since the start, and how many went in."""
+
+    number: int  # 1, 2, …
+    added: int

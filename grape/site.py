@@ -97,6 +97,15 @@ class Area(_Frozen):
 
 
 @dataclass(frozen=True, kw_only=True)
+class RefillPoint(_Frozen):
+    """Where the robot stands to have its feeder refilled."""
+
+    id: str
+    position: Array  # (2,) m of base_link, map frame
+    yaw_rad: float  # 0 east, pi/2 north
+
+
+@dataclass(frozen=True, kw_only=True)
 class Site(_Frozen):
     """A vineyard in the local ENU frame of its datum."""
 
@@ -107,6 +116,7 @@ class Site(_Frozen):
     fences: tuple[Area, ...]
     start: Array  # (2,) m, map frame
     start_heading_rad: float  # 0 east, pi/2 north
+    refills: tuple[RefillPoint, ...] = ()
 
     def row(self, id: str) -> Row:
         """The row with this id.
@@ -166,6 +176,10 @@ def load_site(path: str | os.PathLike[str]) -> Site:
         fences=tuple(fences),
         start=local(start["points"])[0],
         start_heading_rad=start["yaw_rad"],
+        refills=tuple(
+            RefillPoint(id=i["id"], position=local(i["points"])[0], yaw_rad=i["yaw_rad"])
+            for i in content.items["refill"]
+        ),
     )
 
 
@@ -202,8 +216,8 @@ def site_to_geojson(site: Site) -> str:
     """The text of a site's GeoJSON: one feature a line, `properties.kind` says what it is.
 
     row LineString (id, side) · vine and nail Point (id, row, side; nails also markers, height_m, yaw_rad, reach_m) ·
-    headland and fence Polygon (id; a fence may also be a LineString with width_m) · start Point (yaw_rad). The foreign
-    member `datum` (lat, lon, alt) is the origin of the map frame.
+    headland and fence Polygon (id; a fence may also be a LineString with width_m) · start Point (yaw_rad) ·
+    refill Point (id, yaw_rad). The foreign member `datum` (lat, lon, alt) is the origin of the map frame.
     """
 
     def lon_lat(points: Array) -> list[list[float]]:
@@ -226,6 +240,9 @@ def site_to_geojson(site: Site) -> str:
     features += [_feature("Polygon", ring(area), kind="fence", id=area.id) for area in site.fences]
     heading = round(site.start_heading_rad, 6)
     features.append(_feature("Point", lon_lat(site.start)[0], kind="start", id="start", yaw_rad=heading))
+    for refill in site.refills:
+        yaw = round(refill.yaw_rad, 6)
+        features.append(_feature("Point", lon_lat(refill.position)[0], kind="refill", id=refill.id, yaw_rad=yaw))
     datum = {"lat": site.datum.latitude_deg, "lon": site.datum.longitude_deg, "alt": site.datum.altitude_m}
     lines = ",\n".join("    " + json.dumps(feature) for feature in features)
     head = f'{{\n  "type": "FeatureCollection",\n  "datum": {json.dumps(datum)},\n  "features": [\n'

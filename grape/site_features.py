@@ -16,6 +16,7 @@ GEOMETRIES = {
     "headland": ("Polygon",),
     "fence": ("Polygon", "LineString"),
     "start": ("Point",),
+    "refill": ("Point",),
 }
 PLANTS = ("vine", "nail")
 SIDES = ("left", "right")
@@ -71,8 +72,9 @@ def _properties(item: dict[str, Any], properties: dict[str, Any], at: Key, repor
         item["yaw_rad"] = _number(properties, "yaw_rad", -2 * math.pi, 2 * math.pi, at, report)
         item["reach_m"] = _number(properties, "reach_m", 0.0, 0.5, at, report, default=0.0)
         item["markers"] = _markers(properties.get("markers"), (*at, "markers"), report)
-    if kind == "start":
-        item["yaw_rad"] = _number(properties, "yaw_rad", -2 * math.pi, 2 * math.pi, at, report, default=0.0)
+    if kind in ("start", "refill"):
+        default = 0.0 if kind == "start" else None
+        item["yaw_rad"] = _number(properties, "yaw_rad", -2 * math.pi, 2 * math.pi, at, report, default=default)
     if kind == "fence" and item["type"] == "LineString":
         item["width_m"] = _number(properties, "width_m", 0.02, 20.0, at, report)
 

@@ -19,6 +19,7 @@ import numpy as np
 from grape.errors import InvalidInput
 from grape.messages import Array
 from grape.sim.physics import STEPS_PER_SECOND, Physics
+from grape.sim.stock import wake_placed
 
 _HEADER = struct.Struct("<QIIQ")  # sequence number, length, checksum, layout
 _PHYSICS = int(mujoco.mjtState.mjSTATE_FULLPHYSICS | mujoco.mjtState.mjSTATE_CTRL | mujoco.mjtState.mjSTATE_WARMSTART)
@@ -167,6 +168,7 @@ class Checkpoint:
         state = np.ascontiguousarray(vector[self._physics_slice])
         mujoco.mj_setState(physics.model, physics.data, state, _PHYSICS)
         physics.rearranged()
+        wake_placed(physics.model, physics.data)
         mujoco.mj_forward(physics.model, physics.data)  # poses and contacts, for who looks before the next step
         mujoco.mj_setState(physics.model, physics.data, state, _PHYSICS)  # the line above has moved the warm start
         for part, name, place in self._fields:

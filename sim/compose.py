@@ -14,6 +14,7 @@ from grape.robots import RobotDescription
 from grape.sim.dispenser import dispenser_elements
 from grape.sim.physics import STEP_S
 from grape.sim.render import MAX_HEIGHT, MAX_WIDTH
+from grape.sim.stock import store
 from grape.sim.worlds import Terrain, World, world_spec
 
 WORLD_PREFIX = "world/"
@@ -23,12 +24,14 @@ DISPENSER = "dispenser_"
 SEEN_TERRAIN_STEP = 3  # the camera sees every third height of the terrain: a quarter of a frame's time
 
 
-def compose(world: World, robot: RobotDescription, dispensers: int) -> mujoco.MjModel:
+def compose(world: World, robot: RobotDescription, dispensers: int, stock: int = 0) -> mujoco.MjModel:
     """The model of a robot with so many dispensers in a world; their poses are set in the state, not here.
 
-    Names of the world's geoms get the prefix `world/`, dispensers are called `dispenser_0`, `dispenser_1`, …
+    Names of the world's geoms get the prefix `world/`, dispensers are called `dispenser_0`, `dispenser_1`, … The last
+    `stock` of them are stored away, asleep, until a refill.
     """
-    spec = mujoco.MjSpec.from_string(_with_dispensers(robot, dispensers), assets=robot.assets())
+    spec = mujoco.MjSpec.from_string(_with_dispensers(robot, dispensers + stock), assets=robot.assets())
+    store(spec, [f"{DISPENSER}{k}" for k in range(dispensers, dispensers + stock)])
     surroundings = world_spec(world)
     spec.visual.map.znear = surroundings.visual.map.znear
     spec.visual.map.zfar = surroundings.visual.map.zfar
@@ -39,9 +42,11 @@ def compose(world: World, robot: RobotDescription, dispensers: int) -> mujoco.Mj
         return spec.compile()
 
 
-def compose_seen(world: World, robot: RobotDescription, dispensers: int) -> mujoco.MjModel:
+def compose_seen(world: World, robot: RobotDescription, dispensers: int, stock: int = 0) -> mujoco.MjModel:
     """The same model for the camera, its ground drawn with fewer triangles; states of one fit the other."""
-    return compose(replace(world, terrain=_coarser(world.terrain, SEEN_TERRAIN_STEP)), robot, dispensers)
+    model = compose(replace(world, terrain=_coarser(world.terrain, SEEN_TERRAIN_STEP)), robot, dispensers, stock)
+    model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # a sleeping loop's pose is not updated
+    return model
 
 
 def _coarser(terrain: Terrain, step: int) -> Terrain:

@@ -1,4 +1,4 @@
-"""Where each dispenser ended: hanging on a plant, in the feeder, on the hand, or dropped; for the referee."""
+"""Where each dispenser ended: hanging on a plant, in the feeder, on the hand, dropped, or never in play."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from grape.sim.compose import DISPENSER
 from grape.sim.dispenser import LoopReader
 from grape.sim.parts import Part, PartTable
 from grape.sim.physics import Physics
+from grape.sim.stock import in_store
 from grape.sim.worlds.model import Label, World
 from grape.site import Plant
 
@@ -31,6 +32,7 @@ class DispenserPlace(StrEnum):
     FEEDER = "feeder"
     HAND = "hand"
     DROPPED = "dropped"
+    STOCK = "stock"  # not in play yet
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +101,8 @@ class HangingJudge:
 
     def _place(self, loop: LoopReader) -> Place:
         line = loop.polyline(self._physics.data)
+        if in_store(float(line[0, 2])):
+            return Place(where=DispenserPlace.STOCK)
         touched = self._touched_geoms(loop)
         kinds = {Part(int(self._parts.kinds[geom])) for geom in touched}
         if kinds & {Part.NAIL, Part.FINGER, Part.ARM}:

@@ -228,6 +228,7 @@ class Referee:
         }
         return {
             "truth": {
+                "loaded": sum(place.where != DispenserPlace.STOCK for place in places),
                 "hanging": sorted(hanging),
                 "dropped": found["dropped"],
                 "in_feeder": found["feeder"],

@@ -28,6 +28,7 @@ class SimulationOptions:
     """How a scene starts."""
 
     dispensers: int = 8  # in the feeder, from the lowest level up
+    stock: int = 0  # more, for refills
     arm_pose: str = "travel"
     settle_s: float = 1.0  # of physics before time 0
     sensors: SensorOptions = field(default_factory=SensorOptions)
@@ -51,15 +52,15 @@ class Simulation:
         self.options = options or SimulationOptions()
         self.world = world
         self.robot = robot
-        self._physics = Physics(compose(world, robot, self.options.dispensers))
+        self._physics = Physics(compose(world, robot, self.options.dispensers, self.options.stock))
         self._place()
         sensors = self.options.sensors
         self._drivers = connect(
             self._physics,
             robot,
-            world.site.datum,
+            world.site,
             Raycaster(world).cast,
-            lambda: compose_seen(world, robot, self.options.dispensers),
+            lambda: compose_seen(world, robot, self.options.dispensers, self.options.stock),
             seed,
             replace(sensors, camera=replace(sensors.camera, gloss_rad=world.sun.gloss_rad)),
         )
@@ -104,7 +105,7 @@ class Simulation:
         Raises:
             InvalidInput: what is in the folder is of another world.
         """
-        parts = (*self._drivers.sensors.values(), *self.referee.tallies)
+        parts = (*self._drivers.sensors.values(), self._drivers.operator, *self.referee.tallies)
         checkpoint = self._checkpoint = Checkpoint(folder, self._physics, parts)
         came_back = checkpoint.kept_step() is not None
         journal = checkpoint.journal()

@@ -6,7 +6,7 @@ import pytest
 from grape.config import parse_yaml
 from grape.errors import FileError, InvalidInput
 from grape.geodesy import Datum, geodetic_from_enu
-from grape.site import Area, Plant, Row, Site, load_site, save_site
+from grape.site import Area, Plant, RefillPoint, Row, Site, load_site, save_site
 from grape.site_check import _places
 
 DATUM = Datum(latitude_deg=42.3415, longitude_deg=3.0632, altitude_m=60.0)
@@ -32,6 +32,7 @@ def small_site() -> Site:
         fences=(Area(id="f0", polygon=np.array([[0.0, -0.3], [9.2, -0.3], [9.2, 0.3], [0.0, 0.3]])),),
         start=np.array([-3.0, -1.3]),
         start_heading_rad=0.25,
+        refills=(RefillPoint(id="shed", position=np.array([-4.0, 1.5]), yaw_rad=3.0),),
     )
 
 
@@ -81,6 +82,9 @@ def test_a_saved_site_is_read_back_within_a_millimetre(tmp_path):
         np.testing.assert_allclose(yours.polygon, mine.polygon, atol=1e-4)
     np.testing.assert_allclose(back.start, site.start, atol=1e-4)
     assert back.start_heading_rad == pytest.approx(0.25)
+    ((shed,), (refill,)) = site.refills, back.refills
+    np.testing.assert_allclose(refill.position, shed.position, atol=1e-4)
+    assert (refill.id, refill.yaw_rad) == (shed.id, pytest.approx(shed.yaw_rad))
     assert not list(tmp_path.glob("*.part"))
 
 
@@ -200,6 +204,8 @@ BROKEN = {
     "yaw in degrees": ("r0n0", lambda f: f["properties"].update(yaw_rad=-90), "got yaw_rad -90", ""),
     "equal markers": ("r0n0", lambda f: f["properties"].update(markers=[10, 10]), "got markers [10, 10]", ""),
     "marker out of the dictionary": ("r0n0", lambda f: f["properties"].update(markers=[10, 50]), "got markers", ""),
+    "refill point without a yaw": ("shed", lambda f: f["properties"].pop("yaw_rad"), "got yaw_rad nothing", ""),
+    "refill point that is a line": ("shed", lambda f: f["geometry"].update(type="LineString"), "a refill has", ""),
     "two starts": (
         "west",
         lambda f: f.update(

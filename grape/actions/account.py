@@ -63,11 +63,23 @@ class Ledger(Protocol):
         ...
 
     def move_dispenser(self, source: str, target: str) -> None:
-        """One dispenser went from a place to another: feeder, hand, lost or a plant's id."""
+        """One dispenser went from a place to another: feeder, hand, lost, stock or a plant's id."""
+        ...
+
+    def refill(self, number: int, added: int) -> bool:
+        """Somebody has put so many into the feeder, his refill `number`; False when that was written down before."""
+        ...
+
+    def refills(self) -> int:
+        """Number of the last refill that was written down; 0 before the first."""
+        ...
+
+    def count_refill(self, seen: int) -> None:
+        """The first look after a refill shows so many in the feeder: more than were told count as loaded."""
         ...
 
     def dispensers(self) -> Mapping[str, int]:
-        """How many dispensers are at each place: feeder, hand, lost and plants' ids."""
+        """How many dispensers are at each place: feeder, hand, lost, plants' ids, and stock, ready for a refill."""
         ...
 
     def step(

@@ -9,20 +9,19 @@ from typing import Any
 import numpy as np
 
 from grape.actions.core import Context, Feedback, action
+from grape.actions.shortest_way import footprint_of, site_surroundings
 from grape.drivers import BaseDriver
 from grape.errors import ActionFailed, GoalRejected, Reason, StaleData
 from grape.frames import FrameError
 from grape.geometry import yaw_of
 from grape.messages import Array
 from grape.navigation.beams import scan_points
-from grape.navigation.costmap import InflationOptions
 from grape.navigation.follower import FollowerState, Phase, PurePursuit, PursuitOptions
-from grape.navigation.grid import Costmap, Footprint
+from grape.navigation.grid import Costmap
 from grape.navigation.monitor import MonitorOptions, speed_factor
 from grape.navigation.path import Path, in_frame_of
 from grape.navigation.planner import PlannerOptions, path_blocked, plan_route
-from grape.navigation.route import row_zones, waypoints
-from grape.navigation.surroundings import Surroundings, SurroundingsOptions
+from grape.navigation.route import waypoints
 
 CONTROL_PERIOD_S = 0.05
 SCAN_PERIOD_S = 0.10
@@ -83,14 +82,7 @@ class _Drive:
     def __init__(self, target: Array, goal: DriveGoal, ctx: Context) -> None:
         self._ctx, self._goal, self._target = ctx, goal, target
         footprint = footprint_of(ctx.robot.description.base.footprint)
-        site = ctx.world.site
-        self._surroundings = Surroundings(
-            [*(fence.polygon for fence in site.fences), *row_zones(site.rows)],
-            np.vstack(
-                [*(row.line for row in site.rows), *(area.polygon for area in site.headlands), site.start, target[:2]]
-            ),
-            SurroundingsOptions(footprint=footprint, inflation=InflationOptions(inscribed=footprint.inscribed)),
-        )
+        self._surroundings = site_surroundings(ctx.world.site, target[None], footprint)
         self._planner = PlannerOptions(footprint=footprint)
         self._monitor = MonitorOptions(footprint=footprint)
         self._follower = PurePursuit(PursuitOptions(speed=goal.speed, footprint=footprint))
@@ -340,13 +332,3 @@ class _Drive:
             return False
         self._due[name] = now + period_s
         return True
-
-
-def footprint_of(corners: Array) -> Footprint:
-    """The rectangle around the corners (n, 2) m of a description."""
-    corners = np.asarray(corners)
-    return Footprint(
-        front=float(corners[:, 0].max()),
-        rear=float(-corners[:, 0].min()),
-        half_width=float(np.abs(corners[:, 1]).max()),
-    )

@@ -9,7 +9,18 @@ from grape.drivers.ports import (
     CameraDriver,
     Drivers,
     GripperDriver,
+    NoOperator,
+    OperatorDriver,
     SensorDriver,
 )
 
-__all__ = ["ArmDriver", "BaseDriver", "CameraDriver", "Drivers", "GripperDriver", "SensorDriver"]
+__all__ = [
+    "ArmDriver",
+    "BaseDriver",
+    "CameraDriver",
+    "Drivers",
+    "GripperDriver",
+    "NoOperator",
+    "OperatorDriver",
+    "SensorDriver",
+]

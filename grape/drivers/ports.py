@@ -16,6 +16,7 @@ from grape.messages import (
     Message,
     NavSatFix,
     PointCloud,
+    Refilled,
     RgbdImage,
     Twist,
 )
@@ -101,6 +102,29 @@ class GripperDriver(Protocol):
         ...
 
 
+class OperatorDriver(Protocol):
+    """A person at the refill point, reached by a lamp and a button."""
+
+    def call(self) -> None:
+        """Show that the robot stands still and waits for a refill; ends by itself unless it is renewed every 0.5 s."""
+        ...
+
+    def refilled(self, after: int = 0) -> tuple[Refilled, ...]:
+        """Every refill that was confirmed and has a number above `after`, oldest first; none is ever forgotten."""
+        ...
+
+
+class NoOperator:
+    """Nobody comes."""
+
+    def call(self) -> None:
+        """Nobody sees it."""
+
+    def refilled(self, after: int = 0) -> tuple[Refilled, ...]:
+        """Nothing, ever."""
+        return ()
+
+
 @dataclass(frozen=True, kw_only=True)
 class Drivers:
     """Every driver of one robot. Optional sensors are absent from their mapping, never None inside it."""
@@ -113,6 +137,7 @@ class Drivers:
     gnss: SensorDriver[NavSatFix]
     scans: Mapping[str, SensorDriver[LaserScan]] = field(default_factory=dict)  # "front_laser", "wrist_lidar"
     clouds: Mapping[str, SensorDriver[PointCloud]] = field(default_factory=dict)  # "velodyne"
+    operator: OperatorDriver = field(default_factory=NoOperator)
 
     def stop_all(self) -> None:
         """Stop every actuator, each whatever becomes of the others; called when anything goes wrong.

@@ -13,6 +13,8 @@ from pydantic import Field
 from grape.config import Document, Model, load_yaml, override, read_text, validate, validate_options
 from grape.errors import FileError, Problem, did_you_mean
 from grape.mission.catalog import missions, robots, trees, world_type, worlds
+from grape.mission.refill import Refill as Refill
+from grape.mission.refill import check_refill
 from grape.plugins import TASKS, find
 from grape.site import Plant, Site, load_site
 
@@ -50,6 +52,7 @@ class MissionFile(Model):
     plants: tuple[PlantGoal, ...] | None = None
     select: Selection | None = None
     dispensers: Annotated[int, Field(ge=0, le=8)] = 8
+    refill: Refill = Field(default_factory=Refill)
     arm_errors: Annotated[float, Field(ge=0, le=2)] = 0.0
     time_limit_s: Annotated[float, Field(gt=0, le=86400)] = 1500.0
     actions: dict[str, dict[str, Any]] = Field(default_factory=dict)
@@ -84,11 +87,20 @@ class Mission:
     def seed(self) -> int:
         return self.file.seed
 
+    @property
+    def stock(self) -> int:
+        """Dispensers that are ready for refills: none where the site has no refill point."""
+        if not self.site.refills:
+            return 0
+        stock = self.file.refill.stock
+        return max(0, len(self.plants) - self.file.dispensers) if stock is None else stock
+
     def resolved(self) -> dict[str, Any]:
         """The mission as it runs, every default written out; loading it again gives the same mission."""
         data = self.file.model_dump(mode="json", exclude={"select"}, exclude_none=True)
         data["world"] = {"type": self.file.world.get("type", "vineyard"), **dataclasses.asdict(self.world)}
         data["plants"] = [plant.model_dump() for plant in self.plants]
+        data["refill"]["stock"] = self.stock
         if self.surveyed:
             data["site"] = "site.geojson"
         return data
@@ -119,6 +131,8 @@ def load_mission(name: str, overrides: Iterable[str] = (), world: Path | None = 
         problems += error.problems
     plants = _plants(file, document, site, problems) if site is not None else ()
     actions = _actions(file, tree, document, problems)
+    if site is not None:
+        problems += check_refill(file.refill, site, document)
     if problems or options is None or site is None:
         raise FileError(problems)
     surveyed = file.site is not None

@@ -120,14 +120,16 @@ def build_scene(mission: Mission) -> Scene:
     from grape.bt import load_tree
     from grape.sim.drivers import SensorOptions
     from grape.sim.drivers.arm import ArmDriverOptions
+    from grape.sim.drivers.operator import OperatorOptions
     from grape.sim.simulation import Simulation, SimulationOptions
 
     tree = load_tree(mission.tree, nodes(mission.file.task))
     description = robot_description(mission.file.robot)
     robot = build_robot(description)
     world = world_type(mission.file.world.get("type", "vineyard")).grow(mission.site, mission.world)
-    sensors = SensorOptions(arm=ArmDriverOptions(errors=mission.file.arm_errors))
-    options = SimulationOptions(dispensers=mission.file.dispensers, sensors=sensors)
+    operator = OperatorOptions(fill=mission.file.refill.fill, after_s=mission.file.refill.after_s)
+    sensors = SensorOptions(arm=ArmDriverOptions(errors=mission.file.arm_errors), operator=operator)
+    options = SimulationOptions(dispensers=mission.file.dispensers, stock=mission.stock, sensors=sensors)
     simulation = Simulation(world, description, seed=mission.seed, options=options)
     return Scene(mission=mission, tree=tree, robot=robot, simulation=simulation)
 

@@ -12,14 +12,15 @@ from typing import Any
 from grape.actions.core import Outcome, PlantTask, Step
 from grape.errors import InvalidInput, did_you_mean
 
-SCHEMA_VERSION = 2
-FEEDER, HAND, LOST = "feeder", "hand", "lost"
+SCHEMA_VERSION = 3
+FEEDER, HAND, LOST, STOCK = "feeder", "hand", "lost", "stock"
 _TABLES = """
 CREATE TABLE plants (
     position INTEGER PRIMARY KEY, plant TEXT NOT NULL UNIQUE, mode TEXT NOT NULL,
     outcome TEXT, reason TEXT NOT NULL DEFAULT '', attempts INTEGER NOT NULL DEFAULT 0);
 CREATE TABLE dispensers (place TEXT PRIMARY KEY, number INTEGER NOT NULL CHECK (number >= 0));
 CREATE TABLE moves (number INTEGER PRIMARY KEY AUTOINCREMENT, source TEXT NOT NULL, target TEXT NOT NULL);
+CREATE TABLE refills (number INTEGER PRIMARY KEY, added INTEGER NOT NULL CHECK (added >= 0), seen INTEGER);
 CREATE TABLE steps (
     number INTEGER PRIMARY KEY AUTOINCREMENT, name TEXT NOT NULL, plant TEXT NOT NULL, details TEXT NOT NULL,
     outcome TEXT);
@@ -41,7 +42,12 @@ class SqliteLedger:
 
     @classmethod
     def create(
-        cls, path: Path, plants: Iterable[tuple[str, str]], loaded: int, facts: Mapping[str, str] | None = None
+        cls,
+        path: Path,
+        plants: Iterable[tuple[str, str]],
+        loaded: int,
+        facts: Mapping[str, str] | None = None,
+        stock: int = 0,
     ) -> SqliteLedger:
         """A new ledger; its file appears whole or not at all.
 
@@ -49,17 +55,18 @@ class SqliteLedger:
             plants: (id, mode) in the order of service.
             loaded: dispensers in the feeder at the start.
             facts: what else to write down about the mission.
+            stock: dispensers that are ready for refills.
 
         Raises:
-            InvalidInput: the file exists, a plant is named twice, or `loaded` is negative.
+            InvalidInput: the file exists, a plant is named twice, or `loaded` or `stock` is negative.
         """
         rows = [(k, plant, mode) for k, (plant, mode) in enumerate(plants)]
         names = [plant for _, plant, _ in rows]
-        twice = sorted({name for name in names if names.count(name) > 1} | ({FEEDER, HAND, LOST} & set(names)))
+        twice = sorted({name for name in names if names.count(name) > 1} | ({FEEDER, HAND, LOST, STOCK} & set(names)))
         if twice:
             raise InvalidInput(f"plants must have ids of their own, got {', '.join(twice)} twice or as a reserved name")
-        if loaded < 0:
-            raise InvalidInput(f"loaded must be at least 0, got {loaded}")
+        if min(loaded, stock) < 0:
+            raise InvalidInput(f"loaded and stock must be at least 0, got {loaded} and {stock}")
         if path.exists():
             raise InvalidInput(f"{path} exists: a ledger is never overwritten")
         part = path.with_name(path.name + ".part")
@@ -71,7 +78,7 @@ class SqliteLedger:
         with db:
             db.execute("BEGIN")
             db.executemany("INSERT INTO plants (position, plant, mode) VALUES (?, ?, ?)", rows)
-            places = [(FEEDER, loaded), (HAND, 0), (LOST, 0), *((name, 0) for name in names)]
+            places = [(FEEDER, loaded), (HAND, 0), (LOST, 0), (STOCK, stock), *((name, 0) for name in names)]
             db.executemany("INSERT INTO dispensers (place, number) VALUES (?, ?)", places)
             db.executemany("INSERT INTO facts (key, value) VALUES (?, ?)", (facts or {}).items())
         ledger.close()
@@ -179,7 +186,7 @@ class SqliteLedger:
         return dict(self._db.execute("SELECT key, value FROM facts"))
 
     def move_dispenser(self, source: str, target: str) -> None:
-        """One dispenser went from a place to another: feeder, hand, lost or a plant's id.
+        """One dispenser went from a place to another: feeder, hand, lost, stock or a plant's id.
 
         Raises:
             InvalidInput: an unknown place, twice the same place, or nothing at `source`.
@@ -202,14 +209,61 @@ class SqliteLedger:
             self._db.execute("UPDATE dispensers SET number = number + 1 WHERE place = ?", (target,))
             self._db.execute("INSERT INTO moves (source, target) VALUES (?, ?)", (source, target))
 
+    def refill(self, number: int, added: int) -> bool:
+        """Somebody has put dispensers into the feeder; written down once, however often it is told.
+
+        A refill of none means that there are no more.
+
+        Args:
+            number: of his refill, 1 is the first.
+            added: dispensers that he says he put in; more than the stock are as welcome.
+
+        Returns:
+            Whether it was new.
+
+        Raises:
+            InvalidInput: the number is below 1 or `added` negative.
+        """
+        if number < 1 or added < 0:
+            raise InvalidInput(f"a refill has a number from 1 and adds none or more, got {number} and {added}")
+        with self._db:
+            self._db.execute("BEGIN IMMEDIATE")
+            if number <= self.refills():
+                return False
+            self._db.execute("INSERT INTO refills (number, added) VALUES (?, ?)", (number, added))
+            self._load(added)
+            if added == 0:
+                self._db.execute("UPDATE dispensers SET number = 0 WHERE place = ?", (STOCK,))
+        return True
+
+    def refills(self) -> int:
+        """Number of the last refill that was written down; 0 before the first."""
+        (number,) = self._db.execute("SELECT COALESCE(MAX(number), 0) FROM refills").fetchone()
+        return int(number)
+
+    def count_refill(self, seen: int) -> None:
+        """The first look after a refill shows so many in the feeder: more than were told count as loaded."""
+        with self._db:
+            self._db.execute("BEGIN IMMEDIATE")
+            if not self._db.execute("UPDATE refills SET seen = ? WHERE seen IS NULL", (seen,)).rowcount:
+                return
+            self._load(max(0, seen - self.dispensers()[FEEDER]))
+
+    def _load(self, added: int) -> None:
+        """From the stock, and beyond it from anywhere, into the feeder; inside a transaction."""
+        self._db.execute("UPDATE dispensers SET number = MAX(0, number - ?) WHERE place = ?", (added, STOCK))
+        self._db.execute("UPDATE dispensers SET number = number + ? WHERE place = ?", (added, FEEDER))
+        self._db.executemany("INSERT INTO moves (source, target) VALUES (?, ?)", [(STOCK, FEEDER)] * added)
+
     def dispensers(self) -> Mapping[str, int]:
-        """How many dispensers are at each place: feeder, hand, lost and plants' ids."""
+        """How many dispensers are at each place: feeder, hand, lost, plants' ids, and stock, ready for a refill."""
         return dict(self._db.execute("SELECT place, number FROM dispensers ORDER BY rowid"))
 
     def account(self) -> dict[str, int]:
-        """The robot's own account: loaded = deployed + left + lost + on_hand, always."""
+        """The robot's own account: loaded, refills included, = deployed + left + lost + on_hand, always."""
         places = dict(self.dispensers())
         left, hand, lost = places.pop(FEEDER), places.pop(HAND), places.pop(LOST)
+        places.pop(STOCK)
         deployed = sum(places.values())
         return {
             "loaded": deployed + left + lost + hand,

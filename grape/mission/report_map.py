@@ -15,6 +15,7 @@ from grape.site import Site
 WIDTH = 1080.0
 MARGIN = 34.0
 OUTCOME_COLOURS = {"deployed": "#3f9142", "skipped": "#dd9a22", "failed": "#c0392b"}
+REFILL_COLOUR = "#7a5195"
 TRUE_COLOUR, ESTIMATE_COLOUR = "#2d3e50", "#3b82c4"
 
 
@@ -39,6 +40,7 @@ def site_map(site: Site, path: Array, plants: Mapping[str, Mapping[str, Any]]) -
             tag("polyline", points=frame.points(path[:, 1:3]), class_="line", stroke=ESTIMATE_COLOUR, **dashes)
         )
     parts += _start(site, frame)
+    parts += _refills(site, frame)
     parts += _plants(site, frame, plants)
     parts += _scale(frame, height)
     entries = [("true path", TRUE_COLOUR), ("estimated path", ESTIMATE_COLOUR), *OUTCOME_COLOURS.items()]
@@ -48,6 +50,7 @@ def site_map(site: Site, path: Array, plants: Mapping[str, Mapping[str, Any]]) -
 
 def _frame(site: Site, path: Array) -> tuple[Frame, float]:
     lines = [row.line for row in site.rows] + [area.polygon for area in site.fences] + [site.start[None]]
+    lines += [point.position[None] for point in site.refills]
     if len(path):
         lines.append(path[:, 1:3])
     points = np.vstack(lines)
@@ -89,6 +92,28 @@ def _start(site: Site, frame: Frame) -> list[str]:
         tag("polygon", points=frame.points(arrow), fill="#6b7a8a"),
         label(x, y + 30, "start", class_="num", text_anchor="middle"),
     ]
+
+
+def _refills(site: Site, frame: Frame) -> list[str]:
+    """A diamond at each refill point, with a line the way the robot faces there."""
+    parts = []
+    for point in site.refills:
+        ahead = np.array([np.cos(point.yaw_rad), np.sin(point.yaw_rad)])
+        aside = np.array([-ahead[1], ahead[0]])
+        diamond = np.array([ahead, aside, -ahead, -aside]) * 0.25 + point.position
+        title = tag("title", escape(f"refill point {point.id}"))
+        parts.append(tag("polygon", title, points=frame.points(diamond), fill=REFILL_COLOUR))
+        parts.append(
+            tag(
+                "polyline",
+                points=frame.points(np.array([point.position, point.position + 0.6 * ahead])),
+                class_="line",
+                stroke=REFILL_COLOUR,
+            )
+        )
+        x, y = frame.at(float(point.position[0]), float(point.position[1]))
+        parts.append(label(x, y + 30, point.id, class_="num", text_anchor="middle"))
+    return parts
 
 
 def _plants(site: Site, frame: Frame, plants: Mapping[str, Mapping[str, Any]]) -> list[str]:

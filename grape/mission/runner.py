@@ -263,4 +263,4 @@ def _ledger(mission: Mission, path: Path, resume: bool, facts: Mapping[str, str]
     if resume and path.exists():
         return SqliteLedger.open(path)
     pairs = [(plant.plant, plant.mode) for plant in mission.plants]
-    return SqliteLedger.create(path, pairs, mission.file.dispensers, facts)
+    return SqliteLedger.create(path, pairs, mission.file.dispensers, facts, mission.stock)

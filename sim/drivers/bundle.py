@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 import mujoco
 
 from grape.drivers import Drivers
-from grape.geodesy import Datum
 from grape.robots import RobotDescription
 from grape.sim.drivers.arm import ArmDriverOptions, ArmLimits, SimulatedArm
 from grape.sim.drivers.base import BaseOptions, SimulatedBase
@@ -25,8 +24,10 @@ from grape.sim.drivers.lidar import (
     SimulatedSpinner,
     SpinnerOptions,
 )
+from grape.sim.drivers.operator import OperatorOptions, SimulatedOperator
 from grape.sim.drivers.sampled import SampledSensor
 from grape.sim.physics import Physics, Replica
+from grape.site import Site
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +41,7 @@ class SensorOptions:
     front_laser: ScannerOptions = UTM_30LX
     wrist_lidar: ScannerOptions = TIM561
     velodyne: SpinnerOptions = field(default_factory=SpinnerOptions)
+    operator: OperatorOptions = field(default_factory=OperatorOptions)
 
 
 class SimulatedDrivers:
@@ -49,7 +51,7 @@ class SimulatedDrivers:
         self,
         physics: Physics,
         robot: RobotDescription,
-        datum: Datum,
+        site: Site,
         cast: Cast,
         seen: Callable[[], mujoco.MjModel],
         seed: int,
@@ -63,12 +65,13 @@ class SimulatedDrivers:
         )
         self.camera = SimulatedCamera(physics, seen, seed, options.camera)
         self.imu = SimulatedImu(physics, seed, options.imu)
-        self.gnss = SimulatedGnss(physics, datum, seed, options.gnss)
+        self.gnss = SimulatedGnss(physics, site.datum, seed, options.gnss)
         scans = {
             scanner.name: SimulatedScanner(physics, replica, cast, seed, scanner)
             for scanner in (options.front_laser, options.wrist_lidar)
         }
         velodyne = SimulatedSpinner(physics, replica, cast, seed, options.velodyne)
+        self.operator = SimulatedOperator(physics, robot, site.refills, seed, options.operator)
         self.sensors: dict[str, SampledSensor] = {
             "base": self.base,
             "arm": self.arm,
@@ -89,6 +92,7 @@ class SimulatedDrivers:
             gnss=self.gnss,
             scans=scans,
             clouds={options.velodyne.name: velodyne},
+            operator=self.operator,
         )
 
     def actuate(self) -> None:
@@ -98,7 +102,9 @@ class SimulatedDrivers:
         self.gripper.actuate()
 
     def sample(self, step: int) -> None:
-        """Let every sensor that is due note the present state."""
+        """Let every sensor that is due note the present state, and the operator look what there is to do."""
+        if step % self.operator.period_steps == 0:
+            self.operator.look()
         for period, sensor in self._periods:
             if step % period == 0:
                 sensor.sample()
@@ -111,7 +117,7 @@ class SimulatedDrivers:
 def connect(
     physics: Physics,
     robot: RobotDescription,
-    datum: Datum,
+    site: Site,
     cast: Cast,
     seen: Callable[[], mujoco.MjModel],
     seed: int,
@@ -120,12 +126,12 @@ def connect(
     """The simulated drivers of a robot in a scene.
 
     Args:
-        datum: of the map frame, for GNSS.
+        site: its datum for GNSS, its refill points for the operator.
         cast: distances (n,) m along rays from origins (n, 3) in unit directions (n, 3), map frame, +inf for no hit.
         seen: makes the model that the camera renders.
         seed: of every sensor's noise.
     """
-    return SimulatedDrivers(physics, robot, datum, cast, seen, seed, options or SensorOptions())
+    return SimulatedDrivers(physics, robot, site, cast, seen, seed, options or SensorOptions())
 
 
 def _base_options(robot: RobotDescription) -> BaseOptions:

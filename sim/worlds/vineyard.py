@@ -15,11 +15,12 @@ from grape.sim.worlds.options import FIRST_MARKER_ID, VineyardOptions, post_stat
 from grape.sim.worlds.structures import NAIL_REACH, make_nail, make_post, make_weeds, make_wires
 from grape.sim.worlds.terrain import make_sun, make_terrain
 from grape.sim.worlds.vines import cordon_height, grow_cordon, grow_gobelet
-from grape.site import Area, Plant, Row, Side, Site
+from grape.site import Area, Plant, RefillPoint, Row, Side, Site
 
 FENCE_HALF_WIDTH = 0.28
 HEADLAND_DEPTH = 5.5
 START = (-3.0, -1.3)
+REFILL = (-4.4, -0.955)  # in the headland, facing the first lane: the robot leaves it straight ahead
 POST_CLEARANCE = 0.09  # vine wood keeps this far from a post's axis, along the row
 NAIL_CLEARANCE = 0.20
 
@@ -63,6 +64,7 @@ def vineyard_site(options: VineyardOptions) -> Site:
         fences=tuple(fences),
         start=np.array(START),
         start_heading_rad=0.0,
+        refills=(RefillPoint(id="refill", position=np.array(REFILL), yaw_rad=0.0),),
     )
 
 

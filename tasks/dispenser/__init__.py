@@ -16,6 +16,7 @@ from grape.tasks.dispenser.actions.check_feeder import check_feeder
 from grape.tasks.dispenser.actions.check_grasp import check_grasp
 from grape.tasks.dispenser.actions.check_hand import check_hand
 from grape.tasks.dispenser.actions.drive_to_plant import drive_to_plant
+from grape.tasks.dispenser.actions.drive_to_refill import drive_to_refill
 from grape.tasks.dispenser.actions.find_deployment_points import find_deployment_points
 from grape.tasks.dispenser.actions.finish_plant import finish_plant
 from grape.tasks.dispenser.actions.grasp_dispenser import grasp_dispenser
@@ -30,13 +31,17 @@ from grape.tasks.dispenser.actions.servo_to_feeder import servo_to_feeder
 from grape.tasks.dispenser.actions.servo_to_nail import servo_to_nail
 from grape.tasks.dispenser.actions.servo_to_spur import servo_to_spur
 from grape.tasks.dispenser.actions.settle_account import settle_account
+from grape.tasks.dispenser.actions.skip_plants import skip_plants
+from grape.tasks.dispenser.actions.wait_for_refill import wait_for_refill
 from grape.tasks.dispenser.actions.withdraw_hand import withdraw_hand
 from grape.tasks.dispenser.conditions import (
     dispensers_left,
     interrupted,
     is_deployed,
     mode_is,
+    plants_left,
     reason_is_one_of,
+    refill_awaits,
     remembers_targets,
 )
 
@@ -52,6 +57,7 @@ TASK = Task(
         check_hand,
         drive_to_plant,
         drive_to_pose,
+        drive_to_refill,
         find_deployment_points,
         finish_plant,
         grasp_dispenser,
@@ -68,11 +74,22 @@ TASK = Task(
         servo_to_nail,
         servo_to_spur,
         settle_account,
+        skip_plants,
         unwind,
         wait_for_localization,
+        wait_for_refill,
         withdraw_hand,
     ),
-    conditions=(dispensers_left, interrupted, is_deployed, mode_is, reason_is_one_of, remembers_targets),
+    conditions=(
+        dispensers_left,
+        interrupted,
+        is_deployed,
+        mode_is,
+        plants_left,
+        reason_is_one_of,
+        refill_awaits,
+        remembers_targets,
+    ),
     trees={"dispenser_deployment": Path(grape.trees.__file__).with_name("dispenser_deployment.xml")},
     missions={path.stem: path for path in sorted((Path(__file__).parent / "missions").glob("*.yaml"))},
 )

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from grape.actions.account import RESUMED
 from grape.actions.core import Context, Outcome, condition
+from grape.tasks.dispenser.actions.check_feeder import FEEDER_EMPTY
 from grape.tasks.dispenser.actions.next_target import remembered
 
 
@@ -46,7 +47,30 @@ class DispensersLeftGoal:
 def dispensers_left(goal: DispensersLeftGoal, ctx: Context) -> bool:
     """Whether the feeder or the hand still holds a dispenser, by the robot's own account."""
     places = ctx.ledger.dispensers()
-    return places.get("hand", 0) > 0 or (places.get("feeder", 0) > 0 and not ctx.world.committed.get("feeder_empty"))
+    return places.get("hand", 0) > 0 or (places.get("feeder", 0) > 0 and not ctx.world.committed.get(FEEDER_EMPTY))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlantsLeftGoal:
+    """No inputs: the ledger knows the mission's plants."""
+
+
+@condition("PlantsLeft")
+def plants_left(goal: PlantsLeftGoal, ctx: Context) -> bool:
+    """Whether a plant of the mission has no outcome yet."""
+    return any(task.outcome is None for task in ctx.ledger.plants())
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefillAwaitsGoal:
+    """No inputs: the site knows the refill points, the ledger the stock."""
+
+
+@condition("RefillAwaits")
+def refill_awaits(goal: RefillAwaitsGoal, ctx: Context) -> bool:
+    """Whether no dispenser is left in feeder and hand, but at a refill point there are more."""
+    more = bool(ctx.world.site.refills) and ctx.ledger.dispensers().get("stock", 0) > 0
+    return more and not dispensers_left(DispensersLeftGoal(), ctx)
 
 
 @dataclass(frozen=True, kw_only=True)

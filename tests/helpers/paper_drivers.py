@@ -9,7 +9,7 @@ from paper_scene import INFO, Scene
 
 from grape.errors import StaleData
 from grape.geometry import pose, rotation_z
-from grape.messages import GripperState, JointState, LaserScan, RgbdImage, Twist
+from grape.messages import GripperState, JointState, LaserScan, Refilled, RgbdImage, Twist
 from grape.robots.husky_jaco2 import DESCRIPTION
 
 FRAME_S = 0.066
@@ -173,3 +173,20 @@ class PaperScanner:
             range_max=10.0,
             ranges=self.ranges,
         )
+
+
+class PaperOperator:
+    """Confirms `waiting` refills, one after each so many calls; remembers every confirmation."""
+
+    def __init__(self) -> None:
+        self.calls, self.after_calls = 0, 50
+        self.waiting: list[int] = []
+        self.told: list[Refilled] = []
+
+    def call(self) -> None:
+        self.calls += 1
+        if self.waiting and self.calls % self.after_calls == 0:
+            self.told.append(Refilled(stamp=0.0, number=len(self.told) + 1, added=self.waiting.pop(0)))
+
+    def refilled(self, after: int = 0) -> tuple[Refilled, ...]:
+        return tuple(refill for refill in self.told if refill.number > after)

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from paper_drivers import PaperArm, PaperBase, PaperCamera, PaperFingers, PaperScanner
+from paper_drivers import PaperArm, PaperBase, PaperCamera, PaperFingers, PaperOperator, PaperScanner
 from paper_scene import Scene
 
 from grape.actions.core import Context, Feedback, InlineJobs
@@ -51,11 +51,12 @@ class Bench:
         self.base, self.arm, self.fingers = PaperBase(*start), PaperArm(DESCRIPTION.arm.poses["travel"]), PaperFingers()
         self.camera = PaperCamera(self.scene, robot)
         self.scanners = {"front_laser": PaperScanner(), "wrist_lidar": PaperScanner()}
+        self.operator = PaperOperator()
         self.localized = True
         none: Any = None
         drivers = Drivers(
             base=self.base, arm=self.arm, gripper=self.fingers, camera=self.camera, imu=none, gnss=none,
-            scans=self.scanners,
+            scans=self.scanners, operator=self.operator,
         )  # fmt: skip
         self.world = World(site=site)
         self.ctx = Context(

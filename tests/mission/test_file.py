@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
@@ -70,6 +71,9 @@ def test_defaults_of_goals_get_the_types_of_their_fields(tmp_path: Path) -> None
         ("plants=[]", "the list is empty"),
         ("select.nails=1", "both plants and select are given"),
         ("dispensers=9", "less than or equal to 8"),
+        ("refill.fill=9", "less than or equal to 8"),
+        ("refill.stok=1", "did you mean 'stock'?"),
+        ("refill.after_s=[9, 3]", "refill.after_s: got [9.0, 3.0]; allowed: the shortest time, then the longest"),
         ("time_limit_s=0", "greater than 0"),
         ("arm_errors=-1", "greater than or equal to 0"),
         ("world.glare=2", "less than or equal to 1"),
@@ -210,3 +214,19 @@ def test_a_used_run_folder_is_refused_before_the_world_is_built(
     for out in (tmp_path, tmp_path / "file"):
         with pytest.raises(ValueError, match="name a new folder"):
             run_mission(mission, out)
+
+
+def test_what_the_plants_need_beyond_the_feeder_is_ready_for_a_refill() -> None:
+    def stock(*overrides: str) -> int:
+        return load_mission("dispenser_deployment", overrides).stock
+
+    assert (stock(), stock("dispensers=1"), stock("dispensers=0")) == (0, 3, 4)
+    assert stock("refill.stock=12") == 12 and stock("dispensers=1", "refill.stock=0") == 0
+
+
+def test_a_stock_needs_a_refill_point(mission: Mission, tmp_path: Path) -> None:
+    path = tmp_path / "site.geojson"
+    save_site(dataclasses.replace(mission.site, refills=()), path)
+    assert load_mission("dispenser_deployment", ["dispensers=1"], path).stock == 0
+    (problem,) = problems_of("dispenser_deployment", ["refill.stock=3"], path)
+    assert "refill.stock: got 3, but the site has no refill point; allowed: 0, or a feature of kind refill" in problem

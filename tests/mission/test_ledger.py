@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -154,3 +155,72 @@ def test_plants_skipped_for_a_reason_can_be_reopened(ledger: SqliteLedger) -> No
     ledger.finish("r0n0", Outcome.SKIPPED, "unreachable")
     ledger.reopen("aborted")
     assert [task.outcome for task in ledger.plants()] == [None, Outcome.SKIPPED]
+
+
+@pytest.fixture
+def stocked(tmp_path: Path) -> SqliteLedger:
+    return SqliteLedger.create(tmp_path / "stocked.sqlite", PLANTS, 1, stock=5)
+
+
+def test_a_refill_comes_from_the_stock_and_counts_as_loaded(stocked: SqliteLedger) -> None:
+    assert stocked.account()["loaded"] == 1 and stocked.dispensers()["stock"] == 5 and stocked.refills() == 0
+    assert stocked.refill(1, 3)
+    assert stocked.account() == {"loaded": 4, "deployed": 0, "left": 4, "lost": 0, "on_hand": 0}
+    assert stocked.dispensers()["stock"] == 2 and stocked.refills() == 1
+
+
+def test_a_refill_that_is_told_twice_counts_once(stocked: SqliteLedger, tmp_path: Path) -> None:
+    stocked.refill(1, 2)
+    again = SqliteLedger.open(tmp_path / "stocked.sqlite")
+    assert not again.refill(1, 2) and again.account()["left"] == 3
+    assert again.refill(2, 1) and again.account()["left"] == 4
+
+
+def test_more_than_the_stock_is_welcome_and_none_ends_it(stocked: SqliteLedger) -> None:
+    stocked.refill(1, 7)
+    assert stocked.account()["left"] == 8 and stocked.dispensers()["stock"] == 0
+    other = SqliteLedger.create(Path(stocked._db.execute("PRAGMA database_list").fetchone()[2] + "2"), PLANTS, 0, {}, 4)
+    assert other.refill(1, 0) and other.dispensers()["stock"] == 0 and other.account()["loaded"] == 0
+
+
+def test_the_first_look_after_a_refill_may_find_more_than_were_told(stocked: SqliteLedger) -> None:
+    stocked.count_refill(8)
+    assert stocked.account()["left"] == 1, "there was no refill"
+    stocked.refill(1, 2)
+    stocked.count_refill(4)
+    assert stocked.account() == {"loaded": 4, "deployed": 0, "left": 4, "lost": 0, "on_hand": 0}
+    stocked.count_refill(8)
+    assert stocked.account()["left"] == 4, "it was counted before"
+    stocked.refill(2, 1)
+    stocked.count_refill(2)
+    assert stocked.account()["left"] == 5, "what is missing, the look at the feeder writes off"
+
+
+@pytest.mark.parametrize(("number", "added"), [(0, 1), (1, -1)])
+def test_impossible_refills_are_refused(stocked: SqliteLedger, number: int, added: int) -> None:
+    with pytest.raises(InvalidInput, match="a refill has a number from 1"):
+        stocked.refill(number, added)
+
+
+def test_a_kill_in_the_middle_of_a_refill_neither_loses_nor_doubles_it(tmp_path: Path) -> None:
+    """The process tells one refill after the other until it is killed; every one is in the ledger whole or not."""
+    program = (
+        "import sys; from pathlib import Path; from grape.mission.ledger import SqliteLedger\n"
+        "ledger = SqliteLedger.create(Path(sys.argv[1]), [('a', 'nail')], 0, stock=10**6)\n"
+        "print('ready', flush=True)\n"
+        "for number in range(1, 10**6):\n    ledger.refill(number, 2)\n"
+    )
+    path = tmp_path / "killed.sqlite"
+    with subprocess.Popen([sys.executable, "-c", program, str(path)], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None and process.stdout.readline() == "ready\n"
+        deadline = time.monotonic() + 20
+        while time.monotonic() < deadline:
+            reader = SqliteLedger.open(path)
+            if reader.refills() >= 5:
+                break
+        os.kill(process.pid, signal.SIGKILL)
+    ledger = SqliteLedger.open(path)
+    number = ledger.refills()
+    assert number >= 5 and ledger.account()["left"] == 2 * number
+    assert ledger.dispensers()["stock"] == 10**6 - 2 * number
+    assert not ledger.refill(number, 2) and ledger.account()["left"] == 2 * number

@@ -113,3 +113,7 @@ def test_ticks_are_round_few_and_inside(low: float, high: float) -> None:
 
 def test_a_chart_without_points_says_so() -> None:
     assert "no data" in line_chart([("a", [], "red")], x_title="x", y_title="y")
+
+
+def test_the_map_shows_where_the_feeder_is_refilled(page: str) -> None:
+    assert "refill point refill" in page and ">refill</text>" in page

@@ -88,6 +88,7 @@ def _look(image: RgbdImage, ctx: Context, geometry: FeederGeometry, detector: Ma
 
 
 def _settle_account(ctx: Context, seen: int) -> None:
-    """Dispensers that the ledger has in the feeder but the camera does not see there are lost."""
+    """What the camera sees wins: others that the ledger has in the feeder are lost, more after a refill were loaded."""
+    ctx.ledger.count_refill(seen)
     for _ in range(ctx.ledger.dispensers().get("feeder", 0) - seen):
         ctx.ledger.move_dispenser("feeder", "lost")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,6 +15,7 @@ from paper_robot import Bench
 from grape.actions.core import Outcome
 from grape.errors import ActionFailed, LeaseRevoked
 from grape.robots.husky_jaco2 import DESCRIPTION
+from grape.site import RefillPoint
 from grape.tasks.dispenser import TASK
 from grape.tasks.dispenser.actions.grasp_dispenser import GraspDispenserGoal, grasp_dispenser
 from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, scan_vine
@@ -41,6 +42,12 @@ def wound(bench: Bench, task: Any) -> dict[str, Any]:
 def lost(bench: Bench, task: Any) -> dict[str, Any]:
     bench.localized = False
     bench.advance()
+    return {}
+
+
+def refill_point(bench: Bench, task: Any) -> dict[str, Any]:
+    point = RefillPoint(id="refill", position=bench.base.pose[:2] + np.array([2.0, 0.0]), yaw_rad=0.0)
+    bench.world.site = replace(bench.site, refills=(point,))
     return {}
 
 
@@ -105,6 +112,7 @@ CASES = {
     "CheckGrasp": Case(nothing),
     "CheckHand": Case(holding),
     "DriveToPlant": Case(lambda bench, task: {"plant": "v0"}, ("base",)),
+    "DriveToRefill": Case(refill_point, ("base",)),
     "DriveToPose": Case(down_the_row, ("base",)),
     "FindDeploymentPoints": Case(scanned),
     "FinishPlant": Case(lambda bench, task: {"plant": "n0", "outcome": Outcome.SKIPPED}),
@@ -122,8 +130,10 @@ CASES = {
     "ServoToNail": Case(before_nail, ("arm",)),
     "ServoToSpur": Case(before_spur, ("arm",)),
     "SettleAccount": Case(holding),
+    "SkipPlants": Case(lambda bench, task: {"why": "refill_timeout"}),
     "Unwind": Case(wound, ("arm",)),
     "WaitForLocalization": Case(lost),
+    "WaitForRefill": Case(nothing, ("base", "arm", "gripper")),
     "WithdrawHand": Case(cut_off_grasp, ("arm", "gripper")),
 }
 MOVING = [name for name, case in CASES.items() if case.holds]
