@@ -14,7 +14,7 @@ from grape.messages import Array, Odometry
 from grape.robots import RobotDescription
 from grape.sim.areas import polygons_touch
 from grape.sim.compose import BASE_BODY
-from grape.sim.hanging import HangingJudge, census
+from grape.sim.hanging import DispenserPlace, HangingJudge, census
 from grape.sim.parts import Part, PartTable
 from grape.sim.physics import Physics
 from grape.sim.worlds.model import World
