@@ -9,6 +9,7 @@ import numpy as np
 
 from grape.actions.move_arm import find_postures, move_to_pose
 from grape.actions.servoing import leave
+from grape.errors import ActionFailed
 from grape.experiments.arm_bench import ArmBench, Parking
 from grape.experiments.servo_trials import (
     Key,
@@ -37,6 +38,7 @@ from grape.tasks.dispenser.servo_target import ServoToTargetGoal
 from grape.tasks.dispenser.targets import TOUCH_M, HangTarget, hang_line
 
 VINE = "r0v0"
+NO_START = "no_start"  # reason of a trial that did not get as far as servoing
 SCAN_ERROR_M = 0.006  # of each coordinate of a tip as a scan gives it, standard deviation, besides what the arm errs
 TURNS = [(pitch, azimuth) for pitch in np.radians((55.0, 65.0)) for azimuth in np.radians((0.0, 25.0, -25.0))]
 TOP = DESCRIPTION.feeder.levels - 1
@@ -45,7 +47,7 @@ TOP = DESCRIPTION.feeder.levels - 1
 def run(seeds: Sequence[int], folder: Path, progress: Progress) -> Proof:
     """Every seed once: the first spur of the vine that the arm reaches."""
     found = run_trials(folder, [Key(case="spur", seed=seed) for seed in seeds], _trial, progress).values()
-    trials = [trial for trial in found if trial["reason"] != "no_spur"]
+    trials = [trial for trial in found if trial["reason"] != NO_START]
     return Proof(
         quantities=(
             rate("converged", trials),
@@ -59,7 +61,7 @@ def run(seeds: Sequence[int], folder: Path, progress: Progress) -> Proof:
             "The hand is empty. The target is the spur's true tip with errors of "
             f"{1e3 * SCAN_ERROR_M:.0f} mm a coordinate, and with what the arm errs in a posture from which a scan sees "
             "it. As in a mission the hand was at the feeder's markers before. The arm errs (arm_errors = 1).",
-            f"In {len(found) - len(trials)} of {len(found)} worlds the arm reaches no spur from this stop.",
+            f"In {len(found) - len(trials)} of {len(found)} worlds the arm came before no spur; they do not count.",
         ),
     )
 
@@ -79,10 +81,13 @@ def _trial(key: Key) -> Trial:
             if target is not None:
                 break
         else:
-            return {"reason": "no_spur", "converged": False, "events": []}
-        _visit_feeder(bench)
-        _set_fingers(bench, DESCRIPTION.gripper.open_angle)
-        bench.run(approach_spur(ApproachSpurGoal(target=target), bench.ctx))
+            return {"reason": NO_START, "detail": "no spur", "converged": False, "events": []}
+        try:
+            _visit_feeder(bench)
+            _set_fingers(bench, DESCRIPTION.gripper.open_angle)
+            bench.run(approach_spur(ApproachSpurGoal(target=target), bench.ctx))
+        except ActionFailed as failed:  # nothing was scanned, so the arm may run into the vine
+            return {"reason": NO_START, "detail": failed.detail, "converged": False, "events": []}
         servo = servo_to_spur(ServoToTargetGoal(target=target), bench.ctx)
         return attempt(bench, servo, lambda: _judgement(bench, target, tip))
 
