@@ -156,6 +156,21 @@ def test_a_valid_edge_has_only_valid_states(model, field, states):
         assert all(real.is_valid(a + s * (b - a)) for s in np.linspace(0, 1, 400))
 
 
+def test_a_valid_edge_is_nowhere_deeper_than_a_step(model, field, states):
+    from grape.planning import _collision_kernels as kernels
+
+    checker = StateChecker(model, field)
+    good = [q for q in states if checker.is_valid(q)]
+    edges = [(a, a + 0.3 * (b - a)) for a, b in pairwise(good)]
+    found = [checker.edge_valid(a, b) for a, b in edges]
+    for (a, b), valid in zip(edges, found, strict=True):
+        deep = any(
+            not kernels.state_valid(a + t * (b - a), checker._arm, field.distance, 0.0, -0.01)
+            for t in np.linspace(0.0, 1.0, 41)
+        )
+        assert not (valid and deep)
+
+
 def test_a_checker_survives_the_way_to_another_process(model, field, states):
     checker = StateChecker(model, field)
     copy = pickle.loads(pickle.dumps(checker))
