@@ -132,8 +132,8 @@ class ArmBench:
 
     def _sense(self) -> None:
         world, drivers = self.ctx.world, self.ctx.drivers
-        world.arm, world.gripper = drivers.arm.latest(), drivers.gripper.latest()
-        world.frames.push("base_link", "hand", self.robot.hand_pose(world.arm.position), world.arm.stamp)
+        arm, world.gripper = world.take_arm(drivers.arm.latest()), drivers.gripper.latest()
+        world.frames.push("base_link", "hand", self.robot.hand_pose(arm.position), arm.stamp)
         world.localized = True
         world.odometry = Odometry(
             stamp=self.ctx.clock.now(),

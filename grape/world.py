@@ -6,7 +6,7 @@ Nothing here comes from anywhere but the robot's own sensors and the site file.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from grape.errors import StaleData
@@ -26,7 +26,8 @@ class World:
     frames: FrameTree = field(default_factory=FrameTree)
     odometry: Odometry | None = None  # estimate of base_link in map
     localized: bool = False  # whether that estimate is good enough to drive by
-    arm: JointState | None = None
+    arm: JointState | None = None  # joint angles less `encoder_offsets`
+    encoder_offsets: Array | None = None  # (n,) rad by which the arm's encoders tell too much; None: not calibrated
     gripper: GripperState | None = None
     committed: dict[str, Any] = field(default_factory=dict)  # results of actions by name, for later actions
 
@@ -40,8 +41,15 @@ class World:
             raise StaleData("no pose estimate yet: the filter waits for GNSS, IMU and wheels")
         return self.odometry.pose
 
+    def take_arm(self, told: JointState) -> JointState:
+        """Commit what the arm's encoders tell, less what they are known to be off; returns what was committed."""
+        if self.encoder_offsets is not None:
+            told = replace(told, position=told.position - self.encoder_offsets)
+        self.arm = told
+        return told
+
     def joints(self) -> Array:
-        """Measured joint angles of the arm, (n,) rad.
+        """Measured joint angles of the arm, (n,) rad, as far as its encoders are calibrated.
 
         Raises:
             StaleData: the arm has not reported yet.

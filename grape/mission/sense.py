@@ -65,7 +65,7 @@ class Sensing:
             arm = self._drivers.arm.latest()
         except StaleData:
             return
-        self._world.arm = arm
+        arm = self._world.take_arm(arm)
         if arm.stamp <= self._newest["arm"]:
             return
         self._newest["arm"] = arm.stamp

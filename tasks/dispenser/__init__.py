@@ -11,6 +11,7 @@ from grape.actions.wait_for_localization import wait_for_localization
 from grape.plugins import Task
 from grape.tasks.dispenser.actions.approach_nail import approach_nail
 from grape.tasks.dispenser.actions.approach_spur import approach_spur
+from grape.tasks.dispenser.actions.calibrate_arm import calibrate_arm
 from grape.tasks.dispenser.actions.check_deployment import check_deployment
 from grape.tasks.dispenser.actions.check_feeder import check_feeder
 from grape.tasks.dispenser.actions.check_grasp import check_grasp
@@ -51,6 +52,7 @@ TASK = Task(
     actions=(
         approach_nail,
         approach_spur,
+        calibrate_arm,
         check_deployment,
         check_feeder,
         check_grasp,

@@ -115,7 +115,11 @@ def test_what_was_so_at_a_look_of_the_robot_is_remembered(simulate):
     assert (looks[0]["in_feeder"], looks[5]["in_feeder"], looks[5]["hanging"]) == (1, 0, True)
     assert [look["level"] for look in looks] == [0, 0, 0, 0, None, None, None]
     assert looks[0]["places"] == {"dropped": 0, "feeder": 1, "hand": 0, "stock": 0}
-    assert looks[5]["places"] == {"dropped": 0, "feeder": 0, "hand": 0, "stock": 0, nail.id: 1} == truth(simulation)["places"]
+    assert (
+        looks[5]["places"]
+        == {"dropped": 0, "feeder": 0, "hand": 0, "stock": 0, nail.id: 1}
+        == truth(simulation)["places"]
+    )
     assert looks[5]["time_s"] == pytest.approx(simulation.clock.now()) and looks[5]["plant"] == nail.id
 
 

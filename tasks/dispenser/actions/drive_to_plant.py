@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 
+from grape.actions.calibration import adopt_offsets, remember_offsets
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
 from grape.actions.obstacles import OBSTACLES
@@ -47,10 +48,12 @@ def drive_to_plant(goal: DriveToPlantGoal, ctx: Context) -> Generator[Feedback, 
     stop = yield from ctx.jobs.run(_choose, ctx, goal.plant)
     ctx.world.committed.pop(PARKED, None)
     ctx.world.committed.pop(OBSTACLES, None)  # seen from the last stop, in the frame of that stop
+    adopt_offsets(ctx)
     x, y, yaw = (float(v) for v in stop_pose(ctx.world.site, goal.plant, stop))
     place = {"ahead_m": stop.ahead_m, "beside_m": stop.beside_m}
     with ctx.ledger.step("drive", goal.plant, moves_base=True, **place):
         result = yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed), ctx)
+    remember_offsets(ctx)
     ctx.ledger.remember(PARKED, [goal.plant, stop.ahead_m, stop.beside_m])
     ctx.world.committed[PARKED] = (goal.plant, stop.ahead_m, stop.beside_m)
     ctx.log.event(

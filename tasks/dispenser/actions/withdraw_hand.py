@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grape.actions.calibration import recall_offsets
 from grape.actions.core import Context, Feedback, NoResult, Step, action
 from grape.actions.hand_path import JOINT_OFFSETS, HandPathOptions, follow_hand_path, smooth_step, straight
 from grape.actions.obstacles import OBSTACLES, Obstacles
@@ -43,8 +44,8 @@ def withdraw_hand(goal: WithdrawHandGoal, ctx: Context) -> Generator[Feedback, N
 
     A release that was begun is completed. What was known of this stop (place, obstacles, joint offsets) is known again.
     """
-    yield Feedback(status="finding out where the hand is")
     _recall_stop(ctx)
+    yield Feedback(status="finding out where the hand is")
     step = ctx.ledger.last_step()
     with ctx.arm.lease("WithdrawHand") as arm, ctx.gripper.lease("WithdrawHand") as fingers:
         if step is None:
@@ -69,6 +70,7 @@ def release_pending(ctx: Context, step: Step) -> bool:
 
 
 def _recall_stop(ctx: Context) -> None:
+    recall_offsets(ctx)
     parked, cloud, offsets = (ctx.ledger.recall(key) for key in (PARKED, OBSTACLES, JOINT_OFFSETS))
     if parked is not None:
         ctx.world.committed[PARKED] = tuple(parked)
