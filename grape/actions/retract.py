@@ -39,8 +39,8 @@ def retract(goal: RetractGoal, ctx: Context) -> Generator[Feedback, None, NoResu
 def back_off(ctx: Context, arm: ArmDriver, distance_m: float = 0.10) -> Generator[Feedback, None, None]:
     """Moves the hand straight away from what it is too near to, until a motion can be planned from there.
 
-    Of the ways back along the fingers, to the robot's right, up and between them it takes the first that leads out, else
-    the one that ends with most room, up to three times.
+    Of the ways back along the fingers, to the robot's right, up and between them it takes the first that leads out,
+    else the one that ends with most room, up to three times.
 
     Raises:
         ActionFailed: TRACKING_ERROR.
@@ -59,7 +59,7 @@ def back_off(ctx: Context, arm: ArmDriver, distance_m: float = 0.10) -> Generato
 
 
 def _way_out(robot: Any, checker: StateChecker, q: Array, T: Array, distance_m: float) -> Array:
-    """The hand pose (4, 4) at the end of the first straight way that leads out, or of the one that ends with most room."""
+    """The hand pose (4, 4) at the end of the first straight way out, or of the one that ends with most room."""
     fingers, up, right = T[:3, 2], np.array([0.0, 0.0, 1.0]), np.array([0.0, -1.0, 0.0])
     best, most = pose(T[:3, :3], T[:3, 3] + distance_m * fingers), -np.inf
     for way in (fingers, right, up, fingers + right, up + right, fingers + up):

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 
 import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.looking import vote
+from grape.actions.looking import Ballot, vote
+from grape.actions.move_arm import move_to_pose
 from grape.errors import ActionFailed, Reason
-from grape.geometry import inverse, transform
-from grape.messages import RgbdImage
+from grape.geometry import inverse, pose, rotation_z, transform
+from grape.messages import Array, RgbdImage
 from grape.tasks.dispenser.perception.wings import HungExpectation, held, hung
 from grape.tasks.dispenser.targets import HangTarget
 
@@ -22,10 +23,18 @@ PLACE_M = {"nail": (0.07, 0.12), "spur": (0.13, 0.17)}
 
 @dataclass(frozen=True, kw_only=True)
 class CheckDeploymentGoal:
-    """Attributes: target: where the dispenser was put. frames: how many camera frames vote."""
+    """What to look at, and how.
+
+    Attributes:
+        target: where the dispenser was put.
+        frames: how many camera frames vote.
+        aside_rad: turns of the hand about the vertical through that place, for another look where nothing was seen: a
+            loop that is seen edge-on shows no wings.
+    """
 
     target: HangTarget
     frames: int = 15
+    aside_rad: tuple[float, ...] = (0.6, -0.6)
 
 
 @action("CheckDeployment")
@@ -50,10 +59,36 @@ def check_deployment(goal: CheckDeploymentGoal, ctx: Context) -> Generator[Feedb
         return check.value, check.reason
 
     ballot = yield from vote(ctx, decide, frames=goal.frames, status="validating the deployment")
+    still_held = at_nails > goal.frames // 4 or held(ballot.image).value
+    if not ballot.value and not still_held:
+        ballot = yield from _from_aside(goal, ctx, place, decide, ballot)
     ctx.log.event("check", check="deployment", value=ballot.value, yes=ballot.yes, no=ballot.no, reason=ballot.reason)
     ctx.log.picture("deployment", ballot.image.bgr)
     if ballot.value:
         return NoResult()
-    still_held = at_nails > goal.frames // 4 or held(ballot.image).value
     ctx.ledger.move_dispenser(goal.target.plant, "hand" if still_held else "lost")
     raise ActionFailed(Reason.DEPLOYMENT_NOT_CONFIRMED, f"{ballot.no} of {goal.frames} frames: {ballot.reason}")
+
+
+def _from_aside(
+    goal: CheckDeploymentGoal,
+    ctx: Context,
+    place: Array,
+    decide: Callable[[RgbdImage], tuple[bool, str]],
+    first: Ballot,
+) -> Generator[Feedback, None, Ballot]:
+    """The first look from aside that shows the dispenser, else the last one; `first` where the arm gets nowhere."""
+    T, ballot = ctx.robot.hand_pose(ctx.world.joints()), first
+    with ctx.arm.lease("CheckDeployment") as arm:
+        for angle in goal.aside_rad:
+            R = rotation_z(angle)
+            T_aside = pose(R @ T[:3, :3], place + R @ (T[:3, 3] - place))
+            try:
+                yield from move_to_pose(ctx, arm, (T_aside,), status="looking from aside")
+            except ActionFailed as failed:
+                ctx.log.event("not_looked", action="CheckDeployment", reason=str(failed.reason), detail=failed.detail)
+                continue
+            ballot = yield from vote(ctx, decide, frames=goal.frames, status="validating the deployment from aside")
+            if ballot.value:
+                break
+    return ballot
