@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,15 @@ from grape.actions.move_arm import move_to_pose
 from grape.errors import ActionFailed, Reason
 from grape.geometry import inverse, pose, rotation_z, transform
 from grape.messages import Array, RgbdImage
+from grape.perception.blobs import Blob
 from grape.tasks.dispenser.perception.wings import HungExpectation, held, hung
+from grape.tasks.dispenser.row import GROUND_CLEARANCE_M
 from grape.tasks.dispenser.targets import HangTarget
 
-# Where the wings of a hung dispenser may be: around a place so far below the tip, within a radius, m. On a spur the
-# loop slides down to where it stands on its arm.
-PLACE_M = {"nail": (0.07, 0.12), "spur": (0.13, 0.17)}
+# Where the wings of a hung dispenser may be: around a place so far below the tip, within a radius, m. From a spur the
+# loop slides down to where it stands on its arm, and on a steep arm into the fork of the vine.
+PLACE_M = {"nail": (0.07, 0.12), "spur": (0.17, 0.28)}
+LOWEST_M = 0.20  # over the ground under the robot: what lies there does not hang
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +59,8 @@ def check_deployment(goal: CheckDeploymentGoal, ctx: Context) -> Generator[Feedb
         nails = (T_camera_base @ ctx.world.frames.lookup("base_link", "hand", image.stamp) @ T_hand_nails)[:3, 3]
         check = hung(image, HungExpectation(target=transform(T_camera_base, place), radius_m=radius, nails=nails))
         at_nails += check.reason.startswith("a wing is still")
+        if check.value and not _off_the_ground(check.blobs, inverse(T_camera_base)):
+            return False, "what is seen lies on the ground"
         return check.value, check.reason
 
     ballot = yield from vote(ctx, decide, frames=goal.frames, status="validating the deployment")
@@ -92,3 +97,9 @@ def _from_aside(
             if ballot.value:
                 break
     return ballot
+
+
+def _off_the_ground(blobs: Sequence[Blob], T_base_camera: Array) -> bool:
+    """Whether the highest of what was seen is where nothing lies."""
+    heights = transform(T_base_camera, np.array([blob.position for blob in blobs]))[:, 2] + GROUND_CLEARANCE_M
+    return bool(heights.max() > LOWEST_M)

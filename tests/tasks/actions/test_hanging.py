@@ -300,6 +300,21 @@ def test_a_dispenser_whose_wings_are_seen_only_from_aside_is_confirmed(bench: Be
     assert [fields["value"] for fields in checks] == [True], "one verdict for both looks"
 
 
+@pytest.mark.parametrize(("tip_z", "hangs"), [(0.55, True), (0.20, False)])
+def test_a_dispenser_in_the_fork_hangs_and_one_on_the_ground_does_not(
+    bench: Bench, task: SimpleNamespace, tip_z: float, hangs: bool
+) -> None:
+    target = replace(task.spur_target(bench), plant="n0", tip=np.array([0.45, 0.80, tip_z]))
+    hung_at(bench, target)
+    bench.scene.wings = [target.tip + np.array([side * 0.02, 0.05, -0.25]) for side in (-1.0, 1.0)]
+    run = check(bench, target)
+    if hangs:
+        bench.run(run)
+    else:
+        assert "lies on the ground" in bench.failure(run).detail
+    assert bench.ledger.account()["lost"] == (not hangs)
+
+
 def test_a_check_without_camera_leaves_the_account_alone(bench: Bench, task: SimpleNamespace) -> None:
     target = task.put_nail(bench)
     hung_at(bench, target)
