@@ -11,7 +11,7 @@ from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.looking import Ballot, vote
 from grape.actions.move_arm import move_to_pose
 from grape.errors import ActionFailed, Reason
-from grape.geometry import inverse, pose, rotation_z, transform
+from grape.geometry import inverse, pose, rotation_x, rotation_z, transform
 from grape.messages import Array, RgbdImage
 from grape.perception.blobs import Blob
 from grape.tasks.dispenser.perception.wings import HungExpectation, held, hung
@@ -31,13 +31,15 @@ class CheckDeploymentGoal:
     Attributes:
         target: where the dispenser was put.
         frames: how many camera frames vote.
-        aside_rad: turns of the hand about the vertical through that place, for another look where nothing was seen: a
-            loop that is seen edge-on shows no wings.
+        aside_rad: turns of the hand through that place, about the vertical and then towards level, for more looks where
+            nothing was seen: a loop that is seen edge-on, or behind an arm of the vine, shows no wings.
+        most: how many of them are taken; those that the arm does not reach do not count.
     """
 
     target: HangTarget
     frames: int = 15
-    aside_rad: tuple[float, ...] = (0.6, -0.6)
+    aside_rad: tuple[tuple[float, float], ...] = ((0.6, 0.0), (-0.6, 0.0), (0.3, 0.4), (-0.3, 0.4), (0.0, 0.4))
+    most: int = 3
 
 
 @action("CheckDeployment")
@@ -83,18 +85,20 @@ def _from_aside(
     first: Ballot,
 ) -> Generator[Feedback, None, Ballot]:
     """The first look from aside that shows the dispenser, else the last one; `first` where the arm gets nowhere."""
-    T, ballot = ctx.robot.hand_pose(ctx.world.joints()), first
+    T, ballot, taken = ctx.robot.hand_pose(ctx.world.joints()), first, 0
+    in_hand = transform(inverse(T), place)
     with ctx.arm.lease("CheckDeployment") as arm:
-        for angle in goal.aside_rad:
-            R = rotation_z(angle)
-            T_aside = pose(R @ T[:3, :3], place + R @ (T[:3, 3] - place))
+        for turn, tilt in goal.aside_rad:
+            R = rotation_z(turn) @ T[:3, :3] @ rotation_x(tilt)
+            T_aside = pose(R, place - R @ in_hand)
             try:
                 yield from move_to_pose(ctx, arm, (T_aside,), status="looking from aside")
             except ActionFailed as failed:
                 ctx.log.event("not_looked", action="CheckDeployment", reason=str(failed.reason), detail=failed.detail)
                 continue
             ballot = yield from vote(ctx, decide, frames=goal.frames, status="validating the deployment from aside")
-            if ballot.value:
+            taken += 1
+            if ballot.value or taken >= goal.most:
                 break
     return ballot
 
