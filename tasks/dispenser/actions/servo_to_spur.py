@@ -35,7 +35,7 @@ FIRST_GATE_M = {True: 0.04, False: 0.10}  # how far the first sight may be from 
 # the hand over that way better.
 OPTIONS = {False: PointServoOptions(), True: PointServoOptions(standoff_frames=8, smoothing=0.1, trust_m=0.06)}
 AROUND = LookAroundOptions(turn_rad=0.0, shift_m=0.04)  # a spur is looked for past what hides it
-CLOSE = CheckerOptions(padding_m=0.005)  # less than of the planned way, which servoing leaves by some mm
+CLOSE = CheckerOptions(padding_m=0.002)  # less than of the planned way, which servoing leaves by some mm
 MEANT_SPEED = 0.06  # m/s
 MEANT_MOST_M = 0.12  # a correction that is larger than this is not believed
 
