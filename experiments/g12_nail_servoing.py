@@ -24,9 +24,9 @@ from grape.experiments.servo_trials import (
 from grape.geometry import inverse, transform
 from grape.proof import Experiment, Proof
 from grape.robots.husky_jaco2 import DESCRIPTION
-from grape.tasks.dispenser.actions.servo_to_nail import ROW_DEPTH_M, servo_to_nail
+from grape.tasks.dispenser.actions.servo_to_nail import servo_to_nail
 from grape.tasks.dispenser.nail_board import NailBoard, nail_target
-from grape.tasks.dispenser.row import row_boxes
+from grape.tasks.dispenser.row import ROW, expect_row
 from grape.tasks.dispenser.servo_target import ServoToTargetGoal
 from grape.tasks.dispenser.targets import hang_line
 
@@ -54,8 +54,8 @@ def _trial(key: Key) -> Trial:
     with ArmBench(DESCRIPTION, parking, small_world(key.seed)) as bench:
         robot, opened = bench.robot, DESCRIPTION.gripper.open_angle
         surveyed = nail_target(bench.ctx, NAIL, NailBoard())
-        boxes = row_boxes(bench.ctx, NAIL, ROW_DEPTH_M)
-        go_to_start(bench, rng, hang_line(robot, surveyed, STAND_OFF_M), opened, boxes=boxes)
+        expect_row(bench.ctx, NAIL)
+        go_to_start(bench, rng, hang_line(robot, surveyed, STAND_OFF_M), opened, touch_boxes=(ROW,))
         nails = robot.hand.T_hand_nails(opened)
         (truth,) = bench.truth.nails
         tip = transform(inverse(bench.simulation.referee.true_pose()), truth.tip)

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from grape.actions.move_arm import find_postures, move_to_pose
+from grape.actions.obstacles import UNSEEN
 from grape.actions.servoing import leave
 from grape.errors import ActionFailed
 from grape.experiments.arm_bench import ArmBench, Parking
@@ -32,7 +33,7 @@ from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, sweep_path
 from grape.tasks.dispenser.actions.servo_to_feeder import ServoToFeederGoal, servo_to_feeder
 from grape.tasks.dispenser.actions.servo_to_spur import servo_to_spur
 from grape.tasks.dispenser.feeder import FEEDER_BOXES, VIEW_M, hand_at_feeder
-from grape.tasks.dispenser.row import row_boxes, row_distance
+from grape.tasks.dispenser.row import expect_row, row_distance
 from grape.tasks.dispenser.scan_views import remember_views
 from grape.tasks.dispenser.servo_target import ServoToTargetGoal
 from grape.tasks.dispenser.targets import HangTarget, hang_line
@@ -107,7 +108,9 @@ def _scan(bench: ArmBench, tip: Array) -> Array:
     poses = [path.at(t) for t in np.linspace(path.times[0], path.times[-1], 40)]
     nearest = min(poses, key=lambda T: abs(T[0, 3] - tip[0]))
     with ctx.arm.lease("scan") as arm:
-        bench.run(move_to_pose(ctx, arm, (nearest,), status="to the scan", boxes=row_boxes(ctx, VINE)))
+        expect_row(ctx, VINE)
+        bench.run(move_to_pose(ctx, arm, (nearest,), status="to the scan"))
+        ctx.world.committed.pop(UNSEEN)  # nothing is scanned, only looked at
     remember_views(ctx, [ctx.world.frames.lookup("base_link", "camera_optical")], [ctx.world.joints()])
     return np.asarray(bench.robot.hand_pose(ctx.world.joints()) @ inverse(bench.true_hand()))
 

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.obstacles import OBSTACLES, Obstacles
+from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, GoalRejected, Reason, did_you_mean
 from grape.geometry import interpolate
@@ -47,7 +47,6 @@ def move_to_pose(
     line: Sequence[Array],
     *,
     status: str,
-    boxes: Sequence[StaticBox] = (),
     touch: Sequence[Ball] = (),
     touch_boxes: Sequence[str] = (),
     either_end: bool = False,
@@ -58,9 +57,8 @@ def move_to_pose(
         ctx, arm: context and leased arm.
         line: hand poses (4, 4) in base_link, one or more; the later ones are only looked ahead to.
         status: what to tell meanwhile.
-        boxes: more obstacles, in base_link, that the motion to the first pose keeps clear of.
         touch: balls in base_link in which the rest of the line may touch what was seen.
-        touch_boxes: names of boxes of the base that the rest of the line may enter.
+        touch_boxes: names of boxes that the rest of the line may enter.
         either_end: the line may also be followed from its last pose; then that one may be moved to.
 
     Returns:
@@ -69,7 +67,7 @@ def move_to_pose(
     Raises:
         ActionFailed: UNREACHABLE, IN_COLLISION, NO_PLAN, CABLE_BUDGET or TRACKING_ERROR.
     """
-    enter = (tuple(boxes), tuple(touch), tuple(touch_boxes))
+    enter = (tuple(touch), tuple(touch_boxes))
     candidates = yield from ctx.jobs.run(find_postures, ctx, tuple(line), *enter)
     ends = {0: candidates}
     if either_end:
@@ -79,14 +77,13 @@ def move_to_pose(
     if not goals:
         place = np.round(line[0][:3, 3], 2)
         raise ActionFailed(Reason.UNREACHABLE, f"{status}: no arm posture reaches {place} and the way from there")
-    index = yield from move_to_joints(ctx, arm, [q for _, q in goals], status=status, boxes=boxes)
+    index = yield from move_to_joints(ctx, arm, [q for _, q in goals], status=status)
     return goals[index][0]
 
 
 def find_postures(
     ctx: Context,
     line: tuple[Array, ...],
-    boxes: tuple[StaticBox, ...] = (),
     touch: tuple[Ball, ...] = (),
     touch_boxes: tuple[str, ...] = (),
     holding: bool | None = None,
@@ -96,13 +93,12 @@ def find_postures(
     Args:
         ctx: for robot and world.
         line: hand poses (4, 4) in base_link.
-        boxes: more obstacles around the first pose; the rest of the line may be inside them.
         touch: balls in base_link in which the rest of the line may touch what was seen.
-        touch_boxes: names of boxes of the base that it may enter.
+        touch_boxes: names of boxes that it may enter.
         holding: whether a dispenser is in the hand at the first pose; None asks the ledger.
     """
     robot = ctx.robot
-    checker = checker_for(ctx, boxes, holding=holding)
+    checker = checker_for(ctx, holding=holding)
     on_line = checker_for(ctx, carve=touch, without=touch_boxes, holding=False)
     start = ctx.world.joints()
     steps = densely([robot.in_arm_base(T) for T in line])
@@ -123,20 +119,18 @@ def find_postures(
 
 def checker_for(
     ctx: Context,
-    boxes: Sequence[StaticBox] = (),
     *,
     carve: Sequence[Ball] = (),
     without: Sequence[str] = (),
     holding: bool | None = None,
     options: CheckerOptions | None = None,
 ) -> StateChecker:
-    """A collision checker against what was perceived, the robot's own boxes, and more boxes.
+    """A collision checker against what was perceived, the robot's own boxes, and those that nobody has looked into.
 
     Args:
         ctx: for robot, world and ledger;
-        boxes: more obstacles in base_link.
         carve: balls in base_link in which what was seen may be touched.
-        without: names of boxes of the base that do not count.
+        without: names of boxes that do not count.
         holding: whether a dispenser counts as part of the arm; None asks the ledger. Where it is there to touch the
             vine it is left out: it is soft.
         options: margins.
@@ -144,8 +138,9 @@ def checker_for(
     if holding is None:
         holding = ctx.ledger.dispensers().get("hand", 0) > 0
     body = ctx.robot.loaded_body if holding else ctx.robot.body
-    if boxes or without:
-        body = body.with_boxes((*(box for box in body.boxes if box.name not in without), *boxes))
+    unseen: tuple[StaticBox, ...] = ctx.world.committed.get(UNSEEN, ())
+    if unseen or without:
+        body = body.with_boxes(tuple(box for box in (*body.boxes, *unseen) if box.name not in without))
     obstacles: Obstacles | None = ctx.world.committed.get(OBSTACLES)
     return StateChecker(body, None if obstacles is None else obstacles.field(carve), options)
 
@@ -156,7 +151,6 @@ def move_to_joints(
     goals: Sequence[Array],
     *,
     status: str,
-    boxes: Sequence[StaticBox] = (),
     absolute: bool = False,
 ) -> Generator[Feedback, None, int]:
     """Plans to the quickest of several joint goals, times the path and follows it.
@@ -165,7 +159,6 @@ def move_to_joints(
         ctx, arm: context and leased arm.
         goals: (n,) rad each; continuous joints are taken at the nearest turn that the cables allow.
         status: what to tell meanwhile.
-        boxes: more obstacles, in base_link.
         absolute: goals are meant as they are, so that wound cables are turned back.
 
     Returns:
@@ -178,7 +171,7 @@ def move_to_joints(
     start = ctx.world.joints()
     if len(goals) == 1 and np.abs(goals[0] - start).max() < 0.01:
         return 0
-    checker = checker_for(ctx, boxes)
+    checker = checker_for(ctx)
     path = yield from ctx.jobs.run(
         ctx.robot.planner.plan, start, goals, checker, ctx.rng, cable_reference=limits.unwound, absolute=absolute
     )

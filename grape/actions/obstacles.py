@@ -7,7 +7,9 @@ from collections.abc import Sequence
 from grape.messages import Array, frozen_array
 from grape.planning import Ball, DistanceField, build_distance_field, carve_distance_field
 
-OBSTACLES = "obstacles"  # where it is committed in the world; valid until the base moves
+# In world.committed, valid until the base moves:
+OBSTACLES = "obstacles"  # `Obstacles`: what was seen from this stop
+UNSEEN = "unseen"  # tuple of StaticBox in base_link: where things stand that nobody has looked at from this stop
 
 
 class Obstacles:

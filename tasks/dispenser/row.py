@@ -5,10 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from grape.actions.core import Context
+from grape.actions.obstacles import UNSEEN
 from grape.geometry import inverse, transform
 from grape.messages import Array
 from grape.planning import StaticBox
 
+ROW = "row"  # name of the box that stands for it
+ROW_DEPTH_M = {"nail": 0.09, "vine": 0.12}  # of that box from the row's line towards the robot
 GROUND_CLEARANCE_M = 0.132  # of base_link on flat ground
 
 
@@ -30,19 +33,13 @@ def row_distance(ctx: Context, plant: str) -> float:
     return float(transform(inverse(T_map_base), np.array([*spot.position, T_map_base[2, 3]]))[1])
 
 
-def row_boxes(ctx: Context, plant: str, depth_m: float = 0.12) -> tuple[StaticBox, ...]:
-    """The row as one box, for planning before anything of it was seen: unseen space beside the vines is occupied.
+def expect_row(ctx: Context, plant: str) -> None:
+    """Has the arm keep out of the row as one box, until it was scanned or the base moves: nobody looked into it yet.
 
     Args:
+        ctx: context; the base stands beside the row.
         plant: a plant of the row.
-        depth_m: how far the box reaches from the row's line towards the robot.
     """
-    y = row_distance(ctx, plant)
-    return (
-        StaticBox(
-            name="row",
-            center=(0.25, y + 0.5 - depth_m, 0.4),
-            half_size=(1.5, 0.5, 0.9),
-            ignore_links=(),
-        ),
-    )
+    y = row_distance(ctx, plant) - ROW_DEPTH_M[ctx.world.site.plant(plant).kind]
+    box = StaticBox(name=ROW, center=(0.25, y + 0.5, 0.4), half_size=(1.5, 0.5, 0.9), ignore_links=())
+    ctx.world.committed[UNSEEN] = (box,)

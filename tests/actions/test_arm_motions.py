@@ -8,7 +8,7 @@ from paper_robot import Bench
 
 from grape.actions.hand_path import follow_hand_path, smooth_step, straight
 from grape.actions.move_arm import MoveArmToNamedGoal, checker_for, move_arm_to_named, move_to_pose
-from grape.actions.obstacles import OBSTACLES, Obstacles
+from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
 from grape.actions.retract import RetractGoal, retract
 from grape.actions.unwind import UnwindGoal, unwind
 from grape.errors import GoalRejected, Reason
@@ -123,10 +123,11 @@ def test_pose_out_of_reach_is_refused(bench: Bench) -> None:
 
 def test_pose_inside_an_obstacle_is_refused(bench: Bench) -> None:
     box = StaticBox(name="row", center=(0.47, 0.70, 0.70), half_size=(0.5, 0.40, 0.5), ignore_links=())
+    bench.world.committed[UNSEEN] = (box,)
 
     def go():
         with bench.ctx.arm.lease("test") as arm:
-            yield from move_to_pose(bench.ctx, arm, (AHEAD,), status="moving", boxes=(box,))
+            yield from move_to_pose(bench.ctx, arm, (AHEAD,), status="moving")
 
     assert bench.failure(go()).reason is Reason.UNREACHABLE
 

@@ -12,6 +12,7 @@ from paper_robot import Bench
 from grape.actions.core import Feedback
 from grape.actions.look_around import LookAroundOptions, camera_looks, look_around
 from grape.actions.move_arm import checker_for
+from grape.actions.obstacles import UNSEEN
 from grape.errors import Reason
 from grape.geometry import inverse, pose, pose_error, rotation_x, transform
 from grape.planning import StaticBox
@@ -21,9 +22,10 @@ START = pose(rotation_x(np.pi / 2), (0.48, 0.55, 0.75))  # level, before the row
 
 
 def looking(bench: Bench, seen: Any, boxes: Any = (), options: Any = None) -> Generator[Feedback, None, None]:
+    bench.ctx.world.committed[UNSEEN] = tuple(boxes)
     with bench.ctx.arm.lease("test") as arm:
         yield from look_around(
-            bench.ctx, arm, seen, name="Servo", what="the thing", away=AWAY, checker=checker_for(bench.ctx, boxes),
+            bench.ctx, arm, seen, name="Servo", what="the thing", away=AWAY, checker=checker_for(bench.ctx),
             options=options,
         )  # fmt: skip
 

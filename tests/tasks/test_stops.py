@@ -10,9 +10,11 @@ import pytest
 from paper_robot import Bench
 
 from grape.actions.move_arm import find_postures
+from grape.actions.obstacles import UNSEEN
 from grape.planning import StaticBox
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, sweep_path
+from grape.tasks.dispenser.row import ROW
 from grape.tasks.dispenser.stops import (
     ARM_SIDE_M,
     NAIL_STOPS,
@@ -54,8 +56,9 @@ def test_a_dispenser_in_the_hand_has_room_in_the_sweep_of_a_scan(robot_models: A
     for stop in (Stop(ahead_m=0.0, beside_m=least) for least in VINE_STOPS.beside_m):
         row_y = ARM_SIDE_M + stop.beside_m - 0.015  # parked a little too near
         path = sweep_path(ScanVineGoal(plant="v0"), DESCRIPTION.arm.T_base_link_arm_base, row_y)
-        box = StaticBox(name="row", center=(0.25, row_y + 0.38, 0.4), half_size=(1.5, 0.5, 0.9), ignore_links=())
-        assert find_postures(bench.ctx, path.poses, (box,), holding=True)
+        box = StaticBox(name=ROW, center=(0.25, row_y + 0.38, 0.4), half_size=(1.5, 0.5, 0.9), ignore_links=())
+        bench.ctx.world.committed[UNSEEN] = (box,)
+        assert find_postures(bench.ctx, path.poses, touch_boxes=(ROW,), holding=True)
 
 
 @pytest.mark.parametrize("height", [0.7, 0.8, 0.9])

@@ -9,7 +9,7 @@ from grape.actions.core import Context, Feedback, action
 from grape.actions.move_arm import move_to_pose
 from grape.actions.retract import back_off
 from grape.tasks.dispenser.nail_board import NailBoard, nail_target
-from grape.tasks.dispenser.row import row_boxes
+from grape.tasks.dispenser.row import ROW, expect_row
 from grape.tasks.dispenser.targets import HangTarget, hang_line
 
 
@@ -41,9 +41,8 @@ def approach_nail(goal: ApproachNailGoal, ctx: Context) -> Generator[Feedback, N
     target = nail_target(ctx, goal.plant, NailBoard())
     attempts = ctx.ledger.attempt(goal.plant)
     line = hang_line(ctx.robot, target, goal.stand_off_m + min(attempts - 1, 2) * goal.farther_m)
+    expect_row(ctx, goal.plant)
     with ctx.ledger.step("approach", goal.plant), ctx.arm.lease("ApproachNail") as arm:
         yield from back_off(ctx, arm)  # from where an attempt before has failed
-        yield from move_to_pose(
-            ctx, arm, line, status="moving in front of target", boxes=row_boxes(ctx, goal.plant, depth_m=0.09)
-        )
+        yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch_boxes=(ROW,))
     return ApproachNailResult(target=target)

@@ -10,6 +10,7 @@ import numpy as np
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.looking import Ballot, vote
 from grape.actions.move_arm import move_to_pose
+from grape.actions.retract import back_off
 from grape.actions.servoing import camera_mount
 from grape.errors import ActionFailed, Reason
 from grape.geometry import inverse, pose, rotation_z, transform
@@ -95,6 +96,7 @@ def _look_again(
     towards_arm = (ctx.robot.description.arm.T_base_link_arm_base[:3, 3] - place) * [1.0, 1.0, 0.0]
     ballot, taken = first, 0
     with ctx.arm.lease("CheckDeployment") as arm:
+        yield from back_off(ctx, arm)
         for turn, height in goal.more:
             side = rotation_z(turn) @ towards_arm
             T_look = looking_at(place, side, goal.more_m, height, right) @ inverse(T_hand_camera)

@@ -11,6 +11,7 @@ import numpy as np
 from grape.actions.core import Context, Feedback, action
 from grape.actions.looking import next_image
 from grape.actions.move_arm import move_to_pose
+from grape.actions.retract import back_off
 from grape.errors import ActionFailed, InvalidInput, Reason
 from grape.messages import RgbdImage
 from grape.perception.markers import MarkerDetector, board_pose
@@ -44,6 +45,7 @@ def check_feeder(goal: CheckFeederGoal, ctx: Context) -> Generator[Feedback, Non
     gripper = robot.description.gripper
     with ctx.arm.lease("CheckFeeder") as arm, ctx.gripper.lease("CheckFeeder") as fingers:
         fingers.send(np.array([gripper.thumb_clear, gripper.closed_angle, gripper.closed_angle]))
+        yield from back_off(ctx, arm)  # from where an attempt before has failed
         above = hand_at_feeder(robot, robot.description.feeder.levels - 1, VIEW_M)
         line = (above, hand_at_feeder(robot, 0, 0.0))
         yield from move_to_pose(ctx, arm, line, status="moving to feeder", touch_boxes=FEEDER_BOXES)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from grape.actions.calibration import adopt_offsets, remember_offsets
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
-from grape.actions.obstacles import OBSTACLES
+from grape.actions.obstacles import OBSTACLES, UNSEEN
 from grape.messages import Array
 from grape.navigation.route import RouteOptions, park_beside
 from grape.site import Site
@@ -46,8 +46,7 @@ def drive_to_plant(goal: DriveToPlantGoal, ctx: Context) -> Generator[Feedback, 
         return NoResult()
     yield Feedback(status="choosing a stop")
     stop = yield from ctx.jobs.run(_choose, ctx, goal.plant)
-    ctx.world.committed.pop(PARKED, None)
-    ctx.world.committed.pop(OBSTACLES, None)  # seen from the last stop, in the frame of that stop
+    leave_stop(ctx)
     adopt_offsets(ctx)
     x, y, yaw = (float(v) for v in stop_pose(ctx.world.site, goal.plant, stop))
     place = {"ahead_m": stop.ahead_m, "beside_m": stop.beside_m}
@@ -65,6 +64,12 @@ def drive_to_plant(goal: DriveToPlantGoal, ctx: Context) -> Generator[Feedback, 
         yaw_rad=result.yaw_rad,
     )
     return NoResult()
+
+
+def leave_stop(ctx: Context) -> None:
+    """Forgets what is valid at the present stop alone: it is in the frame of that stop."""
+    for name in (PARKED, STANDING, OBSTACLES, UNSEEN):
+        ctx.world.committed.pop(name, None)
 
 
 def stop_pose(site: Site, plant: str, stop: Stop) -> Array:

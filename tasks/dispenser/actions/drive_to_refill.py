@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, action
 from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
-from grape.actions.obstacles import OBSTACLES
 from grape.actions.shortest_way import shortest_way
 from grape.errors import ActionFailed, Reason
 from grape.site import RefillPoint
-from grape.tasks.dispenser.actions.drive_to_plant import PARKED, STANDING
+from grape.tasks.dispenser.actions.drive_to_plant import leave_stop
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +33,7 @@ def drive_to_refill(goal: DriveToRefillGoal, ctx: Context) -> Generator[Feedback
     if not ctx.world.site.refills:
         raise ActionFailed(Reason.NO_REFILL_POINT, "the site file has no feature of kind refill")
     point = yield from _nearest(ctx)
-    for name in (PARKED, STANDING, OBSTACLES):  # of the last stop
-        ctx.world.committed.pop(name, None)
+    leave_stop(ctx)
     x, y = (float(v) for v in point.position)
     with ctx.ledger.step("drive", moves_base=True, refill=point.id):
         yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=point.yaw_rad, speed=goal.speed), ctx)

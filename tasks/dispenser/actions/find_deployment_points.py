@@ -9,7 +9,7 @@ import numpy as np
 
 from grape.actions.core import Context, Feedback, action
 from grape.actions.move_arm import find_postures
-from grape.actions.obstacles import OBSTACLES, Obstacles
+from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
 from grape.errors import ActionFailed, Reason
 from grape.geometry import transform
 from grape.messages import Array
@@ -71,6 +71,7 @@ def find_deployment_points(
         yield Feedback(status="looking for spurs", progress=0.5 * (k + 1) / len(goal.scan.images))
     poses, cloud = yield from ctx.jobs.run(fuse, looks, goal.scan.sweep, box)
     ctx.world.committed[OBSTACLES] = Obstacles(cloud)
+    ctx.world.committed.pop(UNSEEN, None)
     ctx.ledger.remember(OBSTACLES, cloud.astype(np.float32).tobytes())
     ctx.log.event(
         "deployment_poses",

@@ -16,7 +16,7 @@ from grape.errors import ActionFailed, Reason, StaleData
 from grape.geometry import interpolate, pose, pose_error, rotation_x, rotation_z
 from grape.messages import Array, LaserScan, RgbdImage
 from grape.perception.sweep import AssembleOptions, Sweep, assemble
-from grape.tasks.dispenser.row import row_boxes, row_distance
+from grape.tasks.dispenser.row import ROW, expect_row, row_distance
 from grape.tasks.dispenser.scan_views import remember_views
 
 WRIST_LIDAR = "wrist_lidar"
@@ -78,12 +78,13 @@ class ScanVineResult:
 def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, ScanVineResult]:
     """Moves the wrist along the vine in a straight line at constant orientation and keeps LiDAR scans and frames."""
     path = sweep_path(goal, ctx.robot.description.arm.T_base_link_arm_base, row_distance(ctx, goal.plant))
+    expect_row(ctx, goal.plant)
     with ctx.arm.lease("ScanVine") as arm, ctx.gripper.lease("ScanVine") as gripper:
         if not ctx.ledger.dispensers().get("hand", 0):  # open fingers keep a dispenser
             closed = ctx.robot.description.gripper.closed_angle
             gripper.send(np.array([ctx.robot.description.gripper.thumb_clear, closed, closed]))
         begin = yield from move_to_pose(
-            ctx, arm, path.poses, either_end=True, status="moving to the scan", boxes=row_boxes(ctx, goal.plant)
+            ctx, arm, path.poses, either_end=True, status="moving to the scan", touch_boxes=(ROW,)
         )
         path = path if begin == 0 else path.backwards()
         collector = _Collector(ctx, goal.images)

@@ -12,10 +12,8 @@ from grape.control.ibvs import MarkerServo, MarkerServoOptions
 from grape.messages import Array
 from grape.perception.markers import MarkerDetector
 from grape.tasks.dispenser.nail_board import MARKER_DICTIONARY, MARKER_SIDE_M, NailBoard, desired_markers
-from grape.tasks.dispenser.row import row_boxes
+from grape.tasks.dispenser.row import ROW
 from grape.tasks.dispenser.servo_target import ServoToTargetGoal, ServoToTargetResult, servo_to_target
-
-ROW_DEPTH_M = 0.09  # from the row's line towards the robot: what looking around keeps clear of
 
 
 @action("ServoToNail")
@@ -26,7 +24,7 @@ def servo_to_nail(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
     T_hand_camera = camera_mount(ctx)
     T_hand_nails = robot.hand.T_hand_nails(robot.description.gripper.open_angle)
     detector, K = MarkerDetector(MARKER_DICTIONARY), ctx.camera.latest().info.K
-    clearance = checker_for(ctx, holding=False).clearance
+    clearance = checker_for(ctx, without=(ROW,), holding=False).clearance
 
     def desired(stand_off: float) -> Mapping[int, Array]:
         return desired_markers(goal.target, board, ids, T_hand_nails, T_hand_camera, stand_off)
@@ -37,7 +35,7 @@ def servo_to_nail(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
         def look() -> Generator[Feedback, None, None]:
             return look_around(
                 ctx, arm, marker_in_view(detector, ids), name="ServoToNail", what=f"markers {sorted(ids)}",
-                away=goal.target.approach, checker=checker_for(ctx, row_boxes(ctx, goal.target.plant, ROW_DEPTH_M)),
+                away=goal.target.approach, checker=checker_for(ctx),
             )  # fmt: skip
 
         def attempt() -> Generator[Feedback, None, ServoOutcome]:

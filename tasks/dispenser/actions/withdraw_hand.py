@@ -18,6 +18,7 @@ from grape.messages import Array
 from grape.tasks.dispenser.actions.drive_to_plant import PARKED, STANDING
 from grape.tasks.dispenser.actions.grasp_dispenser import GraspDispenserGoal
 from grape.tasks.dispenser.feeder import hand_at_feeder
+from grape.tasks.dispenser.row import expect_row
 from grape.tasks.dispenser.targets import AIM_DEPTH_M, RETREAT_M, HangTarget, hang_line
 
 NEAR_FEEDER_M = 0.08  # beside the loop's place: farther away the hand is not in the feeder
@@ -77,6 +78,8 @@ def _recall_stop(ctx: Context) -> None:
         ctx.world.committed[STANDING] = parked[0]
     if cloud is not None:
         ctx.world.committed[OBSTACLES] = Obstacles(np.frombuffer(cloud, np.float32).reshape(-1, 3))
+    elif parked is not None:
+        expect_row(ctx, parked[0])
     if offsets is not None:
         ctx.world.committed[JOINT_OFFSETS] = np.array(offsets)
 

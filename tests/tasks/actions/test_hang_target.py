@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from paper_robot import Bench
 
+from grape.actions.obstacles import UNSEEN
 from grape.errors import GoalRejected, InvalidInput
 from grape.geometry import inverse, rotation_z, transform
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser.nail_board import NailBoard, T_base_tip, desired_markers, nail_target
-from grape.tasks.dispenser.row import plant_in_base, row_boxes, row_distance
+from grape.tasks.dispenser.row import expect_row, plant_in_base, row_distance
 from grape.tasks.dispenser.targets import AIM_DEPTH_M, HangTarget
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -150,5 +151,6 @@ def test_desired_markers_are_what_the_camera_sees_from_the_hand_pose(bench: Benc
 def test_the_row_is_beside_the_parked_robot(bench: Bench) -> None:
     assert row_distance(bench.ctx, "n0") == pytest.approx(0.335 + 0.62)
     assert plant_in_base(bench.ctx, "v0") == pytest.approx([1.47, 0.335 + 0.62, -0.132]), "on the ground"
-    (box,) = row_boxes(bench.ctx, "n0", depth_m=0.09)
+    expect_row(bench.ctx, "n0")
+    (box,) = bench.ctx.world.committed.pop(UNSEEN)
     assert box.center[1] - box.half_size[1] == pytest.approx(0.335 + 0.62 - 0.09), "its near face"
