@@ -85,7 +85,7 @@ def test_places_behind_an_obstacle_are_left_out(before_the_row: Bench) -> None:
     least = []
 
     def seen(image: Any, T: Any) -> bool:
-        least.append(checker_for(bench.ctx, (wall,)).clearance(bench.arm.q))
+        least.append(checker_for(bench.ctx).clearance(bench.arm.q))
         return False
 
     bench.failure(looking(bench, seen, (wall,), LookAroundOptions(turn_rad=0.0, shift_m=0.2, frames=1)))
