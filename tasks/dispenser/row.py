@@ -12,6 +12,8 @@ from grape.planning import StaticBox
 
 ROW = "row"  # name of the box that stands for it
 ROW_DEPTH_M = {"nail": 0.09, "vine": 0.12}  # of that box from the row's line towards the robot
+VINE_HALF_M = 0.32  # of a vine's box, along the row and across it
+NEAR_M = 2.0  # along the row from base_link: farther away the arm does not reach
 GROUND_CLEARANCE_M = 0.132  # of base_link on flat ground
 
 
@@ -34,12 +36,24 @@ def row_distance(ctx: Context, plant: str) -> float:
 
 
 def expect_row(ctx: Context, plant: str) -> None:
-    """Has the arm keep out of the row as one box, until it was scanned or the base moves: nobody looked into it yet.
+    """Has the arm keep out of the row until it was scanned or the base moves: nobody has looked into it yet.
+
+    The row is one box, which leaves place to reach a nail on its post; beside a nail each vine is a box of its own too,
+    as far as arms of a gobelet reach into the aisle.
 
     Args:
         ctx: context; the base stands beside the row.
         plant: a plant of the row.
     """
-    y = row_distance(ctx, plant) - ROW_DEPTH_M[ctx.world.site.plant(plant).kind]
-    box = StaticBox(name=ROW, center=(0.25, y + 0.5, 0.4), half_size=(1.5, 0.5, 0.9), ignore_links=())
-    ctx.world.committed[UNSEEN] = (box,)
+    spot = ctx.world.site.plant(plant)
+    y = row_distance(ctx, plant) - ROW_DEPTH_M[spot.kind]
+    boxes = [StaticBox(name=ROW, center=(0.25, y + 0.5, 0.4), half_size=(1.5, 0.5, 0.9), ignore_links=())]
+    if spot.kind == "nail":
+        vines = [vine for vine in ctx.world.site.plants if vine.row == spot.row and vine.kind == "vine"]
+        for vine in vines:
+            foot = plant_in_base(ctx, vine.id)
+            if abs(foot[0]) < NEAR_M:
+                center = (float(foot[0]), float(foot[1]), 0.4)
+                size = (VINE_HALF_M, VINE_HALF_M, 0.9)
+                boxes.append(StaticBox(name=vine.id, center=center, half_size=size, ignore_links=()))
+    ctx.world.committed[UNSEEN] = tuple(boxes)

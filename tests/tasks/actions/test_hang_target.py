@@ -152,5 +152,7 @@ def test_the_row_is_beside_the_parked_robot(bench: Bench) -> None:
     assert row_distance(bench.ctx, "n0") == pytest.approx(0.335 + 0.62)
     assert plant_in_base(bench.ctx, "v0") == pytest.approx([1.47, 0.335 + 0.62, -0.132]), "on the ground"
     expect_row(bench.ctx, "n0")
-    (box,) = bench.ctx.world.committed.pop(UNSEEN)
-    assert box.center[1] - box.half_size[1] == pytest.approx(0.335 + 0.62 - 0.09), "its near face"
+    row, vine = bench.ctx.world.committed.pop(UNSEEN)
+    assert row.center[1] - row.half_size[1] == pytest.approx(0.335 + 0.62 - 0.09), "its near face"
+    assert vine.name == "v0" and vine.center[:2] == pytest.approx([1.47, 0.335 + 0.62]), "its arms reach into the aisle"
+    assert vine.center[1] - vine.half_size[1] < row.center[1] - row.half_size[1]
