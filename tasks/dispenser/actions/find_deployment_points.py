@@ -24,6 +24,7 @@ from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, mar
 from grape.tasks.dispenser.targets import HangTarget, hang_line, remember_spurs
 
 OWN_HAND = (np.array([-0.13, -0.13, -0.30]), np.array([0.13, 0.13, 0.10]))  # m, corners in the hand's frame
+MOST_UNSEEN_M = 0.12  # of a spur beyond what was seen of it
 ALIKE, EASY = 0.2, 0.6  # margins this near are alike; from here on more of it is worth nothing
 OWN_LOOP = (np.array([-0.07, -0.20, -0.33]), np.array([0.07, 0.05, -0.20]))  # of a held dispenser, too
 
@@ -145,7 +146,15 @@ def fuse(looks: Sequence[Look], sweep: Sweep, box: Box) -> tuple[tuple[Deploymen
         more = extract_poses(sweep.points[crop_mask(sweep.points, *box)], _places(sweep), LIDAR_SPURS)
         hidden = [pose for pose in more if not any(look.view.shows(pose) for look in looks)]
         poses = rank([*poses, *hidden], MergeOptions().min_score)
-    return poses, cloud
+    return poses, np.vstack([cloud, *(unseen_ends(pose, [look.view for look in looks]) for pose in poses if looks)])
+
+
+def unseen_ends(pose: DeploymentPose, views: Sequence[DepthView]) -> Array:
+    """(n, 3) m, where a spur may go on beyond its tip as far as no frame has looked: it was cut off by the pictures."""
+    steps = np.arange(0.01, MOST_UNSEEN_M + 0.005, 0.01)
+    beyond = pose.tip + steps[:, None] * pose.direction
+    looked = np.any([view.looked_at(beyond) for view in views], axis=0)
+    return beyond[: int(np.argmax(looked)) if looked.any() else len(beyond)]
 
 
 def _places(sweep: Sweep, most: int = 20) -> Array:
