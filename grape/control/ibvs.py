@@ -11,6 +11,7 @@ from math import exp
 
 import numpy as np
 
+from grape.control.compiled import kernels
 from grape.control.features import (
     adaptive_gain,
     marker_corners,
@@ -199,12 +200,10 @@ class MarkerServo:
 
     def _servo_twist(self, T_base_camera: Array, speed: float) -> Array:
         """-gain L^+ (s - s*) plus the motion of s*, turned into the base axes."""
-        from grape.control._kernels import feature_twist
-
         standoff, options = self.state.standoff_m, self.options
         corners = np.concatenate(list(self._corners.values()))
         views = np.array([self._targets[i](standoff) for i in self._corners])
-        twist, error = feature_twist(np.ascontiguousarray(T_base_camera), corners, views, self._square)
+        twist, error = kernels().feature_twist(np.ascontiguousarray(T_base_camera), corners, views, self._square)
         twist *= adaptive_gain(error, options.gain_at_zero, options.gain_at_infinity, options.gain_slope)
         if speed > 0.0:
             v_camera = view_velocity(self._targets[next(iter(self._corners))], standoff, speed)

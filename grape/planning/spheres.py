@@ -60,8 +60,8 @@ class SphereModel:
             middles above which they cannot.
         box_table: (b, 6) centre and half size.
         box_mask: (c, b) whether a capsule is checked against a box.
-        reach: (c, n) m, the farthest that a capsule's surface can be from the axis of joint i; 0 where that joint does not
-            move it.
+        reach: (c, n) m, the farthest that a capsule's surface can be from the axis of joint i; 0 where that joint
+            does not move it.
     """
 
     placements: Array
