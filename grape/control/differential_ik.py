@@ -118,7 +118,7 @@ class DifferentialIk:
             InvalidInput: the twist is not six finite numbers.
         """
         twist = np.asarray(twist, dtype=float)
-        if twist.shape != (6,) or not isfinite(twist.sum()):
+        if twist.shape != (6,) or not isfinite(sum(twist.tolist())):
             raise InvalidInput(f"a twist must be six finite numbers (m/s, rad/s), got {twist}")
         q = self.arm.checked(q)
         velocity, scale, sigma, sigma_ahead, held = kernels().joint_velocities(q, twist, *self._settings)

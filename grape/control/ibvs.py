@@ -5,6 +5,7 @@ Source: Chaumette and Hutchinson, Visual servo control, part I, 2006; adaptive g
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import exp
@@ -123,7 +124,7 @@ class MarkerServo:
         self._targets, self._side, self._K = dict(targets), marker_side, np.asarray(K, float)
         self._square = marker_corners(marker_side)
         self._corners: dict[int, Array] = {}  # (4, 3) m in the base frame, markers of the last frame that had any
-        self._standoffs: list[tuple[float, float]] = []  # (time, stand-off)
+        self._standoffs: deque[tuple[float, float]] = deque(maxlen=100)  # (time, stand-off)
         options = self.options
         self._watch = FeatureWatch(f"markers {sorted(targets)}", options.fade_from_s, options.fade_to_s, options.lost_s)
         self._gate = StageGate(
@@ -221,7 +222,7 @@ class MarkerServo:
         return speed
 
     def _remember(self, now: float) -> None:
-        self._standoffs = [*self._standoffs[-99:], (now, self.state.standoff_m)]
+        self._standoffs.append((now, self.state.standoff_m))
 
     def _standoff_at(self, stamp: float) -> float:
         """The stand-off that was asked for when a frame was taken."""
