@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import dist, hypot
 
 import numpy as np
 
+from grape.control.compiled import kernels
 from grape.control.features import adaptive_gain
 from grape.control.servo_run import FeatureWatch, ServoStage, StageGate, descent
 from grape.errors import ActionFailed, InvalidInput, Reason
-from grape.geometry import inverse, rotation_log, transform
+from grape.geometry import inverse, transform
 from grape.messages import Array
 
 
@@ -192,15 +194,13 @@ class PointServo:
         share = self._watch.share(now, blind=self._may_go_blind())
         if share == 0.0 or self._point is None or self.state.converged:
             return np.zeros(6)
-        p_camera = transform(inverse(T_base_camera), self._point)
-        self._watch_distance(p_camera, T_base_camera)
+        T = np.ascontiguousarray(T_base_camera, float)
+        p_camera = kernels().to_camera(T, self._point)
+        self._watch_distance(p_camera, T)
         options, error = self.options, p_camera - self._target(self.state.standoff_m)
-        gain = adaptive_gain(
-            float(np.linalg.norm(error)), options.gain_at_zero, options.gain_at_infinity, options.gain_slope
-        )
+        gain = adaptive_gain(hypot(*error), options.gain_at_zero, options.gain_at_infinity, options.gain_slope)
         v_camera = gain * error + self._descend(dt)
-        R = T_base_camera[:3, :3]
-        return share * np.r_[R @ v_camera, options.orientation_gain * rotation_log(self._rotation @ R.T)]
+        return share * kernels().holding_twist(T, v_camera, self._rotation, options.orientation_gain)
 
     def _measure(self, pixel: Array | None, depth: float | None, T_base_camera: Array) -> bool:
         """Believe a measurement or not; moves the estimate of the point when it does."""
@@ -231,9 +231,9 @@ class PointServo:
         )
 
     def _watch_distance(self, p_camera: Array, T_base_camera: Array) -> None:
-        distance = float(np.linalg.norm(p_camera - self._target(0.0)))
+        distance = dist(p_camera, self._target(0.0))
         self._least = min(self._least, distance)
-        travelled = float(np.linalg.norm(T_base_camera[:3, 3] - self._origin))
+        travelled = dist(T_base_camera[:3, 3], self._origin)
         if travelled > self.options.grace_m and distance > self._least + self.options.growth_max_m:
             raise ActionFailed(
                 Reason.DISTANCE_GROWS,
