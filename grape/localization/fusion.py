@@ -1,0 +1,302 @@
+"""Any number of sensors into one filter: readings in, estimate out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import isfinite
+
+import numpy as np
+
+from grape.errors import InvalidInput
+from grape.geodesy import Datum, geodetic_from_enu
+from grape.geometry import inverse, pose, transform
+from grape.localization.ekf import Ekf, EkfOptions
+from grape.localization.readings import Reading
+from grape.localization.sensors import Sensor, SensorOptions
+from grape.localization.state import STATE, Belief, Correction, Measurement, Verdict
+from grape.messages import Array, Odometry
+
+FAR_M = 1e3
+OUT_OF_PLANE = np.array([False, False, True, True, True, False])
+INITIAL_STD = np.array([*[1e-3] * 3, 0.1, 0.1, 1e-3, *[1.0] * 3, *[0.5] * 3, *[0.5] * 3])
+INVALID = "invalid"
+DISABLED = "disabled"
+
+
+@dataclass(frozen=True, kw_only=True)
+class FusionOptions:
+    """The filter, its frames and how it begins.
+
+    Args:
+        frame_id: frame of the estimate: map, or odom for a filter without absolute positions.
+        initial: values of components at the start, by name; all others come from the sensors, or are 0.
+        initial_std: their standard deviations, by name.
+        leap_s: a reading that is further ahead of all others waits for the next one to agree on the time.
+        restart_after: after so many readings in a row that were refused for their stamps the filter begins anew.
+    """
+
+    filter: EkfOptions = field(default_factory=EkfOptions)
+    frame_id: str = "map"
+    child_frame_id: str = "base_link"
+    initial: Mapping[str, float] = field(default_factory=dict)
+    initial_std: Mapping[str, float] = field(default_factory=dict)
+    leap_s: float = 10.0
+    restart_after: int = 200
+
+    def __post_init__(self) -> None:
+        for name in ("initial", "initial_std"):
+            given: Mapping[str, float] = getattr(self, name)
+            if unknown := set(given) - set(STATE):
+                raise InvalidInput(f"{name}: unknown components {sorted(unknown)}; allowed: {', '.join(STATE)}")
+            if not all(isfinite(v) for v in given.values()):
+                raise InvalidInput(f"{name} must be finite, got {dict(given)}")
+        if any(v <= 0 for v in self.initial_std.values()):
+            raise InvalidInput(f"initial_std must be positive, got {dict(self.initial_std)}")
+
+
+class Fusion:
+    """One filter and its sensors.
+
+    It begins when each absolute component that some sensor gives has been seen once; a filter whose sensors give no
+    position or heading begins at zero, which then is where the robot stood. Nothing that a sensor says stops it: what
+    cannot be used is counted in `verdicts`.
+
+    Args:
+        sensors: options of each sensor by its name.
+        datum: WGS84 origin of geodetic readings; without it the first one is the origin.
+    """
+
+    def __init__(
+        self, sensors: Mapping[str, SensorOptions], options: FusionOptions | None = None, *, datum: Datum | None = None
+    ) -> None:
+        if not sensors:
+            raise InvalidInput("a filter needs at least one sensor")
+        self.options = options or FusionOptions()
+        self.verdicts: Counter[tuple[str, str]] = Counter()  # (sensor, verdict) -> how often
+        self._options = dict(sensors)
+        self._given_datum = datum
+        self._disabled: set[str] = set()
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the estimate and begin anew with the next readings."""
+        self._sensors = {name: Sensor(name, o, self._given_datum) for name, o in self._options.items()}
+        self._ekf: Ekf | None = None
+        self._newest = -np.inf
+        self._leaping: Reading | None = None
+        self._last: dict[str, float] = {}
+        self._first: dict[tuple[str, int], Measurement] = {}
+        self._refused_in_time = 0
+        self._refused_poses: Counter[str] = Counter()
+        self._relocations: Counter[str] = Counter()
+
+    @property
+    def started(self) -> bool:
+        """Whether there is an estimate."""
+        return self._ekf is not None
+
+    @property
+    def waiting_for(self) -> tuple[str, ...]:
+        """Absolute components that no sensor has given yet, though some should; the filter begins when all are in."""
+        if self._ekf is not None:
+            return ()
+        missing = self._absolute()
+        for measurement in self._first.values():
+            missing[measurement.index[measurement.index < 6]] = False
+        return tuple(STATE[i] for i in np.flatnonzero(missing))
+
+    @property
+    def datum(self) -> Datum | None:
+        """WGS84 origin of the geodetic readings; None before the first when none was given."""
+        return next((s.datum for s in self._sensors.values() if s.datum is not None), self._given_datum)
+
+    @property
+    def stamp(self) -> float:
+        """Time of the newest thing that was fused, s."""
+        return self._running().belief.stamp
+
+    def knows(self, sensor: str) -> bool:
+        """Whether it has a sensor of that name."""
+        return sensor in self._sensors
+
+    def enable(self, sensor: str, wanted: bool = True) -> None:
+        """Take a sensor's readings, or leave them alone until it is enabled again."""
+        self._known(sensor)
+        (self._disabled.discard if wanted else self._disabled.add)(sensor)
+
+    def silent(self, stamp: float, longer_than_s: float) -> tuple[str, ...]:
+        """Sensors that have said nothing usable for so long, in the order they were given."""
+        return tuple(n for n in self._sensors if stamp - self._last.get(n, -np.inf) > longer_than_s)
+
+    def take(self, reading: Reading) -> tuple[Correction, ...]:
+        """Fuse a reading; late ones by rewind and replay. What became of it, empty when nothing was fused (yet).
+
+        Raises:
+            InvalidInput: the sensor's name is unknown.
+        """
+        self._known(reading.sensor)
+        if reading.sensor in self._disabled or not isfinite(reading.stamp):
+            self._count(reading.sensor, DISABLED if reading.sensor in self._disabled else Verdict.NOT_FINITE)
+            return ()
+        held, self._leaping = self._leaping, None
+        if held is None and reading.stamp > self._newest + self.options.leap_s and isfinite(self._newest):
+            self._leaping = reading
+            return ()
+        if held is None:
+            return self._process(reading)
+        if reading.stamp > held.stamp - self.options.leap_s:
+            return (*self._process(held), *self._process(reading))
+        self._count(held.sensor, Verdict.TOO_NEW)
+        return self._process(reading)
+
+    def belief(self, stamp: float | None = None) -> Belief:
+        """Mean and covariance at `stamp` (default: the newest), extrapolated without changing the filter.
+
+        Raises:
+            InvalidInput: there is no estimate yet.
+        """
+        ekf = self._running()
+        return ekf.belief if stamp is None else ekf.predicted(stamp)
+
+    def odometry(self, stamp: float | None = None) -> Odometry:
+        """Pose of base_link in the filter's frame at `stamp`, twist in base_link, both with covariances."""
+        belief = self.belief(stamp)
+        mean, covariance = belief.mean, belief.covariance
+        return Odometry(
+            stamp=belief.stamp if stamp is None else stamp,
+            frame_id=self.options.frame_id,
+            child_frame_id=self.options.child_frame_id,
+            pose=pose(self._running().rotation(belief), mean[:3]),
+            linear=mean[6:9],
+            angular=mean[9:12],
+            pose_covariance=covariance[:6, :6],
+            twist_covariance=covariance[6:12, 6:12],
+        )
+
+    def geodetic(self, stamp: float | None = None) -> Array:
+        """(3,) latitude (deg), longitude (deg) and altitude (m) of base_link in WGS84.
+
+        Raises:
+            InvalidInput: there is no estimate or no datum yet.
+        """
+        if self.datum is None:
+            raise InvalidInput("without a datum there is no latitude and longitude; give one or a GNSS sensor")
+        placed = [s for s in self._sensors.values() if s.datum is not None]
+        T_world_enu = placed[0].options.mount.T_world_frame if placed else np.eye(4)
+        return geodetic_from_enu(self.datum, transform(inverse(T_world_enu), self.belief(stamp).mean[:3]))
+
+    def widen(self, names: tuple[str, ...], std: float) -> None:
+        """Trust the named components less by `std` (m, rad, …) from now on."""
+        self._running().widen(np.array([STATE.index(name) for name in names]), std**2)
+
+    def _known(self, sensor: str) -> None:
+        if not self.knows(sensor):
+            raise InvalidInput(f"unknown sensor {sensor!r}; known: {', '.join(self._sensors)}")
+
+    def _running(self) -> Ekf:
+        if self._ekf is None:
+            raise InvalidInput(f"there is no estimate yet: waiting for {', '.join(self.waiting_for) or 'a reading'}")
+        return self._ekf
+
+    def _count(self, sensor: str, verdict: str) -> None:
+        self.verdicts[sensor, str(verdict)] += 1
+
+    def _process(self, reading: Reading) -> tuple[Correction, ...]:
+        sensor = self._sensors[reading.sensor]
+        try:
+            measurements = sensor.measurements(reading)
+        except InvalidInput:
+            self._count(sensor.name, INVALID)
+            return ()
+        if self._ekf is None:
+            self._begin(measurements)
+            return ()
+        return tuple(self._correct(sensor, m) for m in measurements)
+
+    def _correct(self, sensor: Sensor, measurement: Measurement) -> Correction:
+        correction = self._running().correct(measurement)
+        verdict = correction.verdict
+        self._count(sensor.name, verdict)
+        if verdict in (Verdict.TOO_OLD, Verdict.TOO_NEW):
+            self._refused_in_time += 1
+            if self._refused_in_time >= self.options.restart_after:
+                self.reset()
+            return correction
+        if verdict is Verdict.NOT_FINITE:
+            return correction
+        self._refused_in_time = 0
+        self._newest = max(self._newest, measurement.stamp)
+        self._last[sensor.name] = max(self._last.get(sensor.name, -np.inf), measurement.stamp)
+        if measurement.index[0] < 6:
+            self._watch_poses(sensor, measurement, verdict)
+        return correction
+
+    def _watch_poses(self, sensor: Sensor, measurement: Measurement, verdict: Verdict) -> None:
+        """Give the position up, further each time, when a sensor keeps seeing the robot elsewhere."""
+        if verdict is Verdict.ACCEPTED:
+            self._refused_poses[sensor.name] = self._relocations[sensor.name] = 0
+            return
+        self._refused_poses[sensor.name] += 1
+        if not 0 < sensor.options.relocate_after <= self._refused_poses[sensor.name]:
+            return
+        self._refused_poses[sensor.name] = 0
+        factor = 4.0 ** self._relocations[sensor.name]
+        self._relocations[sensor.name] = min(self._relocations[sensor.name] + 1, 10)
+        ekf, index = self._running(), measurement.index
+        if (index < 3).any():
+            ekf.widen(np.arange(3), factor)
+        if ((index >= 3) & (index < 6)).any():
+            ekf.widen(index[(index >= 3) & (index < 6)], 0.1 * factor)
+
+    def _absolute(self) -> Array:
+        """(6,) components of the pose that some sensor gives and `initial` does not."""
+        wanted = np.zeros(6, bool)
+        for sensor in self._sensors.values():
+            if sensor.name not in self._disabled:
+                wanted |= sensor.flags[:6]
+        if self.options.filter.two_d:
+            wanted &= ~OUT_OF_PLANE
+        for name in self.options.initial:
+            if STATE.index(name) < 6:
+                wanted[STATE.index(name)] = False
+        return wanted
+
+    def _begin(self, measurements: list[Measurement]) -> None:
+        for measurement in measurements:
+            if measurement.usable:
+                self._first[measurement.source, int(measurement.index[0])] = measurement
+        if not self._first or self.waiting_for:
+            return
+        absolute, mean, std = self._absolute(), np.zeros(15), INITIAL_STD.copy()
+        std[:3][absolute[:3]], std[3:6][absolute[3:]] = FAR_M, np.pi
+        for names, target in ((self.options.initial, mean), (self.options.initial_std, std)):
+            for name, value in names.items():
+                target[STATE.index(name)] = value
+        firsts = sorted(self._first.values(), key=lambda m: m.stamp)
+        for m in firsts:  # angles are set, not corrected: half a turn is no small error
+            angles = [k for k, i in enumerate(m.index) if 3 <= i < 6 and absolute[i]]
+            mean[m.index[angles]], std[m.index[angles]] = m.value[angles], np.sqrt(m.covariance.diagonal()[angles])
+        stamp = firsts[-1].stamp
+        self._ekf = Ekf(stamp, mean, np.diag(std**2), self.options.filter)
+        for m in firsts:
+            positions = np.array([k for k, i in enumerate(m.index) if i < 3])
+            if positions.size:
+                self._ekf.correct(_part(m, positions, stamp))
+            self._count(m.source, Verdict.ACCEPTED)
+            self._last[m.source] = m.stamp
+        self._newest = stamp
+        self._first.clear()
+
+
+def _part(m: Measurement, chosen: Array, stamp: float) -> Measurement:
+    """Some components of a measurement, at another time and without a gate."""
+    return Measurement(
+        stamp=stamp,
+        source=m.source,
+        index=m.index[chosen],
+        value=m.value[chosen],
+        covariance=m.covariance[np.ix_(chosen, chosen)],
+        mount=m.mount,
+    )

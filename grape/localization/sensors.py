@@ -1,0 +1,289 @@
+"""A sensor of the filter: its configuration vector, its mount and its noise; readings in, measurements out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import inf
+
+import numpy as np
+
+from grape.errors import InvalidInput
+from grape.geodesy import Datum, enu_from_geodetic
+from grape.geometry import inverse, pose, rotation_from_rpy, rotation_log, rotation_to_rpy, rotation_z
+from grape.localization.readings import ACCELERATION, POSE, TWIST, Reading
+from grape.localization.state import STATE, Measurement, Mount
+from grape.messages import Array, frozen_array
+
+UNKNOWN = np.nan
+FLOAT_FACTORS = {"single": 3.0, "float": 3.0}
+
+
+def per_component(**values: float) -> Array:
+    """(15,) with the named values, nan elsewhere: `per_component(vx=0.05, wz=0.1)`."""
+    unknown = set(values) - set(STATE)
+    if unknown:
+        raise InvalidInput(f"unknown state components {sorted(unknown)}; allowed: {', '.join(STATE)}")
+    return np.array([values.get(name, UNKNOWN) for name in STATE])
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorOptions:
+    """What a sensor contributes, where it sits and how far it is believed.
+
+    Args:
+        components: the configuration vector, 15 flags in the order of `STATE`: which components are fused. Positions
+            count in the sensor's frame of the world, velocities, rates and accelerations along the sensor's own axes,
+            attitudes as roll, pitch and yaw of base_link (the mount is taken off the sensor's orientation).
+        mount: where the sensor sits, the frame of its poses, and the gravity that its accelerometer feels.
+        std: (15,) standard deviations, nan where the covariance of the reading is used.
+        least_std: (15,) a covariance of the reading is never believed below these; nan is none.
+        std_per_speed: (15,) what is added to the standard deviation for each m/s of the reading's own speed.
+        std_per_turn: (15,) what is added for each rad/s of its own yaw rate: skidding wheels.
+        status_factors: what the standard deviations are multiplied with, by GNSS status; 1 for a status not named.
+        differential: poses enter as their change from one reading to the next, as velocities along the sensor's axes;
+            their noise is `std` of those velocities, or else follows from the covariances of both poses.
+        relative: poses are taken relative to the first one, which is where base_link starts.
+        yaw_offset: rad added to the yaw of the reading: magnetic declination and mounting of a compass.
+        pose_gate: largest Mahalanobis distance at which position and attitude are accepted.
+        delay_s: how long before its stamp the sensor really measured.
+        still_below: m/s and rad/s; when all velocities and rates of a reading are less, the base stands and all six
+            are taken as zero with `still_std`; 0 is never.
+        relocate_after: after so many refused poses in a row the filter gives up its position; 0 is never.
+    """
+
+    components: tuple[bool, ...]
+    mount: Mount = field(default_factory=Mount)
+    std: Array = field(default_factory=per_component)
+    least_std: Array = field(default_factory=per_component)
+    std_per_speed: Array = field(default_factory=per_component)
+    std_per_turn: Array = field(default_factory=per_component)
+    status_factors: Mapping[str, float] = field(default_factory=lambda: FLOAT_FACTORS)
+    differential: bool = False
+    relative: bool = False
+    yaw_offset: float = 0.0
+    pose_gate: float = inf
+    twist_gate: float = inf
+    acceleration_gate: float = inf
+    delay_s: float = 0.0
+    still_below: float = 0.0
+    still_std: float = 0.002
+    relocate_after: int = 0
+
+    def __post_init__(self) -> None:
+        if len(self.components) != len(STATE) or not any(self.components):
+            raise InvalidInput(f"components must be 15 flags, at least one of them true, got {self.components}")
+        for name in ("std", "least_std", "std_per_speed", "std_per_turn"):
+            value = frozen_array(getattr(self, name), float)
+            if value.shape != (15,) or (value < 0).any() or np.isinf(value).any():
+                raise InvalidInput(f"{name} must be 15 numbers from 0 (nan: not set), got {value}")
+            object.__setattr__(self, name, value)
+        if (self.std == 0).any():
+            raise InvalidInput("std must be positive: nothing is measured without error")
+        if min(self.pose_gate, self.twist_gate, self.acceleration_gate) <= 0:
+            raise InvalidInput("pose_gate, twist_gate and acceleration_gate must be positive")
+        if self.differential and self.relative:
+            raise InvalidInput("differential and relative exclude each other")
+        if not (np.isfinite(self.delay_s) and self.delay_s >= 0):
+            raise InvalidInput(f"delay_s must be finite and not negative, got {self.delay_s}")
+
+
+class Sensor:
+    """Turns the readings of one sensor into measurements; remembers the poses that later ones are relative to.
+
+    Args:
+        datum: WGS84 origin of the frame in which geodetic readings are placed; without it the first one is the origin.
+    """
+
+    def __init__(self, name: str, options: SensorOptions, datum: Datum | None = None) -> None:
+        self.name = name
+        self.options = options
+        self.datum = datum
+        flags = np.array(options.components, bool)
+        if options.differential:
+            flags[TWIST] |= flags[POSE]
+            flags[POSE] = False
+        self._flags = flags
+        mount = options.mount
+        if options.relative:  # the world is base_link at the start; the sensor stood at its mount there
+            mount = Mount(
+                T_base_sensor=mount.T_base_sensor,
+                T_world_frame=mount.T_world_frame @ mount.T_base_sensor,
+                gravity=mount.gravity,
+            )
+        self._mount = mount
+        self._R_sensor_base = mount.T_base_sensor[:3, :3].T
+        self._groups = self._grouped()
+        self._first: Array | None = None
+        self._previous: tuple[float, Array, Array] | None = None
+
+    @property
+    def flags(self) -> Array:
+        """(15,) components that its measurements have, `differential` poses counted as velocities."""
+        return self._flags
+
+    def measurements(self, reading: Reading) -> list[Measurement]:
+        """What the reading says about the state; empty when it says nothing (yet).
+
+        Raises:
+            InvalidInput: no GNSS fix, a noise that neither the options nor the reading know, a differential position
+                without orientation, or stamps of a differential sensor that do not increase.
+        """
+        if reading.status == "none":
+            raise InvalidInput(f"{self.name}: GNSS without a fix gives no position")
+        values, given = reading.values.copy(), reading.given.copy()
+        if reading.geodetic is not None:
+            values[:3], given[:3] = self._placed(reading.geodetic), True
+        if self._is_still(values, given):
+            return [self._stands(reading.stamp - self.options.delay_s)]
+        covariance, stamp = self._covariance(reading, values), reading.stamp - self.options.delay_s
+        if self.options.differential and given[POSE].any():
+            middle = self._differentiate(stamp, values, given, covariance)
+            if middle is None:
+                given[TWIST] &= np.array(self.options.components[TWIST])
+            stamp = middle if middle is not None else stamp
+        elif self._flags[POSE].any() and (self.options.relative or given[3:6].any()):
+            self._take_off_mount(values, given)
+        return self._selected(stamp, values, given, covariance)
+
+    def _grouped(self) -> list[tuple[Array, float]]:
+        o = self.options
+        if o.pose_gate == o.twist_gate == o.acceleration_gate == inf:
+            return [(self._flags, inf)]
+        groups = []
+        for part, gate in ((POSE, o.pose_gate), (TWIST, o.twist_gate), (ACCELERATION, o.acceleration_gate)):
+            mask = np.zeros(15, bool)
+            mask[part] = self._flags[part]
+            if mask.any():
+                groups.append((mask, gate))
+        return groups
+
+    def _placed(self, geodetic: Array) -> Array:
+        latitude, longitude, altitude = (float(v) for v in geodetic)
+        if self.datum is None and np.isfinite(geodetic[:2]).all():
+            self.datum = Datum(
+                latitude_deg=latitude, longitude_deg=longitude, altitude_m=altitude if np.isfinite(altitude) else 0.0
+            )
+        if self.datum is None:
+            return np.full(3, np.nan)
+        if np.isnan(altitude):  # a receiver without altitude still gives x and y
+            east, north, _ = enu_from_geodetic(self.datum, latitude, longitude)
+            return np.array([east, north, np.nan])
+        return enu_from_geodetic(self.datum, latitude, longitude, altitude)
+
+    def _is_still(self, values: Array, given: Array) -> bool:
+        moving = values[TWIST][given[TWIST]]
+        return bool(moving.size and self.options.still_below > 0 and np.abs(moving).max() < self.options.still_below)
+
+    def _stands(self, stamp: float) -> Measurement:
+        return Measurement(
+            stamp=stamp,
+            source=self.name,
+            index=np.arange(6, 12),
+            value=np.zeros(6),
+            covariance=np.eye(6) * self.options.still_std**2,
+            gate=self.options.twist_gate,
+        )
+
+    def _covariance(self, reading: Reading, values: Array) -> Array:
+        """(15, 15); nan on the diagonal where nothing is known."""
+        o = self.options
+        own = np.full(15, np.nan)
+        C = np.zeros((15, 15))
+        if reading.covariance is not None:
+            C = np.array(reading.covariance)
+            own = C.diagonal().copy()
+            own[own <= 0] = np.nan
+        set_by_user = np.isfinite(o.std)
+        C[set_by_user, :] = C[:, set_by_user] = 0.0
+        variance = np.where(set_by_user, o.std**2, own)
+        more = np.nan_to_num(o.std_per_speed) * np.linalg.norm(np.nan_to_num(values[6:9]))
+        more = more + np.nan_to_num(o.std_per_turn) * abs(np.nan_to_num(values[11]))
+        if more.any():
+            variance = (np.sqrt(variance) + more) ** 2
+        factor = o.status_factors.get(reading.status, 1.0) ** 2
+        C *= factor
+        variance = np.fmax(variance * factor, o.least_std**2)
+        variance[np.isnan(own) & ~set_by_user] = np.nan
+        np.fill_diagonal(C, variance)
+        return C
+
+    def _orientation(self, values: Array, given: Array) -> Array:
+        rpy = np.where(given[3:6], values[3:6], 0.0)
+        return rotation_z(self.options.yaw_offset) @ rotation_from_rpy(*rpy)
+
+    def _pose(self, values: Array, given: Array) -> Array:
+        return pose(self._orientation(values, given), np.where(given[:3], values[:3], 0.0))
+
+    def _take_off_mount(self, values: Array, given: Array) -> None:
+        """The sensor's attitude in its frame of the world becomes that of base_link in the world, in place."""
+        if self.options.relative:
+            T = self._pose(values, given)
+            if not np.isfinite(T).all():
+                return
+            self._first = T if self._first is None else self._first
+            T_first_now = inverse(self._first) @ T
+            values[:3], R = T_first_now[:3, 3], T_first_now[:3, :3]
+        else:
+            R = self._orientation(values, given)
+        if np.isfinite(R).all():
+            values[3:6] = rotation_to_rpy(self._mount.T_world_frame[:3, :3] @ R @ self._R_sensor_base)
+
+    def _differentiate(self, stamp: float, values: Array, given: Array, covariance: Array) -> float | None:
+        """Pose since the reading before as velocities along the sensor's axes, in place; the time in their middle."""
+        if np.array(self.options.components[:3]).any() and not given[3:6].any():
+            raise InvalidInput(f"{self.name}: a differential position needs the orientation in the same reading")
+        T = self._pose(values, given)
+        if not np.isfinite(T).all():
+            values[TWIST] = np.nan
+            return stamp
+        previous, self._previous = self._previous, (stamp, T, covariance)
+        if previous is None:
+            return None
+        dt = stamp - previous[0]
+        if not dt > 0:
+            self._previous = previous
+            raise InvalidInput(f"{self.name}: stamps of a differential sensor must increase, got {dt} s")
+        T_before_now = inverse(previous[1]) @ T
+        change = np.concatenate([T_before_now[:3, 3], rotation_log(T_before_now[:3, :3])]) / dt
+        measured = np.array(self.options.components[POSE]) & given[POSE]
+        values[TWIST] = np.where(measured, change, values[TWIST])
+        given[TWIST] |= measured
+        poses = (np.diagonal(previous[2])[POSE] + np.diagonal(covariance)[POSE]) / dt**2
+        own = np.isfinite(self.options.std[TWIST])
+        variance = np.where(measured & ~own, poses, np.diagonal(covariance)[TWIST])
+        covariance[np.arange(6, 12), np.arange(6, 12)] = variance
+        return stamp - 0.5 * dt
+
+    def _selected(self, stamp: float, values: Array, given: Array, covariance: Array) -> list[Measurement]:
+        found = []
+        for mask, gate in self._groups:
+            index = np.flatnonzero(mask & given)
+            if index.size == 0:
+                continue
+            C = covariance[np.ix_(index, index)]
+            unknown = np.isnan(C.diagonal())
+            if unknown.any():
+                names = ", ".join(STATE[i] for i in index[unknown])
+                raise InvalidInput(f"{self.name}: neither the reading nor `std` says how good {names} are")
+            found.append(
+                Measurement(
+                    stamp=stamp,
+                    source=self.name,
+                    index=index,
+                    value=values[index],
+                    covariance=C,
+                    gate=gate,
+                    mount=self._mount,
+                )
+            )
+        return found
+
+
+def skid_steer_rates(left: float, right: float, effective_track: float) -> tuple[float, float]:
+    """Forward speed (m/s) and yaw rate (rad/s) of ground speeds of the left and right wheels (m/s).
+
+    Args:
+        effective_track: m; of a skidding base 1.5 to 1.9 times the distance of the wheels.
+    """
+    return 0.5 * (left + right), (right - left) / effective_track
