@@ -1,9 +1,10 @@
 """Where the robot is: a 15-state filter with a configuration vector per sensor, and the estimators built on it."""
 
+from grape.localization.beginning import FusionOptions
 from grape.localization.cascade import Cascade, Transform
 from grape.localization.ekf import Ekf, EkfOptions
 from grape.localization.estimator import EstimatorOptions, PoseEstimator
-from grape.localization.fusion import Fusion, FusionOptions
+from grape.localization.fusion import Fusion
 from grape.localization.measurements import (
     GnssConfig,
     ImuConfig,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from math import isfinite
 
 import numpy as np
@@ -12,48 +11,16 @@ import numpy as np
 from grape.errors import InvalidInput
 from grape.geodesy import Datum, geodetic_from_enu
 from grape.geometry import inverse, pose, transform
-from grape.localization.ekf import Ekf, EkfOptions
+from grape.localization.beginning import FusionOptions, begun
+from grape.localization.ekf import Ekf
 from grape.localization.readings import Reading
 from grape.localization.sensors import Sensor, SensorOptions
 from grape.localization.state import STATE, Belief, Correction, Measurement, Verdict
 from grape.messages import Array, Odometry
 
-FAR_M = 1e3
 OUT_OF_PLANE = np.array([False, False, True, True, True, False])
-INITIAL_STD = np.array([*[1e-3] * 3, 0.1, 0.1, 1e-3, *[1.0] * 3, *[0.5] * 3, *[0.5] * 3])
 INVALID = "invalid"
 DISABLED = "disabled"
-
-
-@dataclass(frozen=True, kw_only=True)
-class FusionOptions:
-    """The filter, its frames and how it begins.
-
-    Args:
-        frame_id: frame of the estimate: map, or odom for a filter without absolute positions.
-        initial: values of components at the start, by name; all others come from the sensors, or are 0.
-        initial_std: their standard deviations, by name.
-        leap_s: a reading that is further ahead of all others waits for the next one to agree on the time.
-        restart_after: after so many readings in a row that were refused for their stamps the filter begins anew.
-    """
-
-    filter: EkfOptions = field(default_factory=EkfOptions)
-    frame_id: str = "map"
-    child_frame_id: str = "base_link"
-    initial: Mapping[str, float] = field(default_factory=dict)
-    initial_std: Mapping[str, float] = field(default_factory=dict)
-    leap_s: float = 10.0
-    restart_after: int = 200
-
-    def __post_init__(self) -> None:
-        for name in ("initial", "initial_std"):
-            given: Mapping[str, float] = getattr(self, name)
-            if unknown := set(given) - set(STATE):
-                raise InvalidInput(f"{name}: unknown components {sorted(unknown)}; allowed: {', '.join(STATE)}")
-            if not all(isfinite(v) for v in given.values()):
-                raise InvalidInput(f"{name} must be finite, got {dict(given)}")
-        if any(v <= 0 for v in self.initial_std.values()):
-            raise InvalidInput(f"initial_std must be positive, got {dict(self.initial_std)}")
 
 
 class Fusion:
@@ -141,15 +108,24 @@ class Fusion:
             self._count(reading.sensor, DISABLED if reading.sensor in self._disabled else Verdict.NOT_FINITE)
             return ()
         held, self._leaping = self._leaping, None
-        if held is None and reading.stamp > self._newest + self.options.leap_s and isfinite(self._newest):
+        if held is None and self.leaps(reading.stamp):
             self._leaping = reading
             return ()
         if held is None:
             return self._process(reading)
-        if reading.stamp > held.stamp - self.options.leap_s:
+        if abs(reading.stamp - held.stamp) < self.options.leap_s:
+            self._newest = max(self._newest, held.stamp)
             return (*self._process(held), *self._process(reading))
         self._count(held.sensor, Verdict.TOO_NEW)
         return self._process(reading)
+
+    def leaps(self, stamp: float) -> bool:
+        """Whether a stamp is so far ahead of all that was fused that it needs the next reading to agree."""
+        return self.started and stamp > self._newest + self.options.leap_s
+
+    def confirms(self, stamp: float) -> bool:
+        """Whether a reading waits that a reading at `stamp` would agree with."""
+        return self._leaping is not None and abs(stamp - self._leaping.stamp) < self.options.leap_s
 
     def belief(self, stamp: float | None = None) -> Belief:
         """Mean and covariance at `stamp` (default: the newest), extrapolated without changing the filter.
@@ -269,34 +245,10 @@ class Fusion:
                 self._first[measurement.source, int(measurement.index[0])] = measurement
         if not self._first or self.waiting_for:
             return
-        absolute, mean, std = self._absolute(), np.zeros(15), INITIAL_STD.copy()
-        std[:3][absolute[:3]], std[3:6][absolute[3:]] = FAR_M, np.pi
-        for names, target in ((self.options.initial, mean), (self.options.initial_std, std)):
-            for name, value in names.items():
-                target[STATE.index(name)] = value
         firsts = sorted(self._first.values(), key=lambda m: m.stamp)
-        for m in firsts:  # angles are set, not corrected: half a turn is no small error
-            angles = [k for k, i in enumerate(m.index) if 3 <= i < 6 and absolute[i]]
-            mean[m.index[angles]], std[m.index[angles]] = m.value[angles], np.sqrt(m.covariance.diagonal()[angles])
-        stamp = firsts[-1].stamp
-        self._ekf = Ekf(stamp, mean, np.diag(std**2), self.options.filter)
+        self._ekf = begun(firsts, self._absolute(), self.options)
         for m in firsts:
-            positions = np.array([k for k, i in enumerate(m.index) if i < 3])
-            if positions.size:
-                self._ekf.correct(_part(m, positions, stamp))
             self._count(m.source, Verdict.ACCEPTED)
             self._last[m.source] = m.stamp
-        self._newest = stamp
+        self._newest = firsts[-1].stamp
         self._first.clear()
-
-
-def _part(m: Measurement, chosen: Array, stamp: float) -> Measurement:
-    """Some components of a measurement, at another time and without a gate."""
-    return Measurement(
-        stamp=stamp,
-        source=m.source,
-        index=m.index[chosen],
-        value=m.value[chosen],
-        covariance=m.covariance[np.ix_(chosen, chosen)],
-        mount=m.mount,
-    )

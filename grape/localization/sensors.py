@@ -133,7 +133,7 @@ class Sensor:
             raise InvalidInput(f"{self.name}: GNSS without a fix gives no position")
         values, given = reading.values.copy(), reading.given.copy()
         if reading.geodetic is not None:
-            values[:3], given[:3] = self._placed(reading.geodetic), True
+            values[:3] = self._placed(reading.geodetic)
         if self._is_still(values, given):
             return [self._stands(reading.stamp - self.options.delay_s)]
         covariance, stamp = self._covariance(reading, values), reading.stamp - self.options.delay_s
