@@ -149,6 +149,7 @@ def test_python_on_a_page_runs(page: str, desk: Path, capsys: pytest.CaptureFixt
         "file_formats.md": "gobelet ['r0v1'",
         "proving_figures.md": "arm states without a collision",
         "deployment_points.md": "9 mm, score 1.00",
+        "filter.md": "x 1.00 1 refused",
     }[page]
     assert expected in capsys.readouterr().out
 
@@ -251,6 +252,17 @@ def test_every_library_has_its_job_and_range() -> None:
     (rows,) = tables("decisions.md", "Libraries")
     documented = sorted(code(row[0])[0] + code(row[1])[0] for row in rows)
     assert documented == sorted(project["dependencies"])
+
+
+def test_keys_of_a_filter_are_those_of_the_code() -> None:
+    from grape.localization.filter_file import FilterFile, SensorFile
+    from grape.localization.filter_log import COLUMNS
+
+    log, sensor, whole = tables("filter.md", "On recorded data")[:1] + tables("filter.md", "The configuration")
+    assert {name for row in sensor for name in code(row[0])} == set(SensorFile.model_fields)
+    assert {name for row in whole for name in code(row[0])} == set(FilterFile.model_fields) - {"sensors"}
+    named = {name for row in log for name in code(row[0])} - {"std_x", "std_az"}
+    assert named == {name for name in COLUMNS if not name.startswith("std_")}
 
 
 def run_example(name: str, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:

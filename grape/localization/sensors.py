@@ -160,12 +160,12 @@ class Sensor:
 
     def _placed(self, geodetic: Array) -> Array:
         latitude, longitude, altitude = (float(v) for v in geodetic)
-        if self.datum is None and np.isfinite(geodetic[:2]).all():
+        if not (np.isfinite(geodetic[:2]).all() and abs(latitude) <= 90.0 and abs(longitude) <= 180.0):
+            return np.full(3, np.nan)
+        if self.datum is None:
             self.datum = Datum(
                 latitude_deg=latitude, longitude_deg=longitude, altitude_m=altitude if np.isfinite(altitude) else 0.0
             )
-        if self.datum is None:
-            return np.full(3, np.nan)
         if np.isnan(altitude):  # a receiver without altitude still gives x and y
             east, north, _ = enu_from_geodetic(self.datum, latitude, longitude)
             return np.array([east, north, np.nan])
@@ -210,6 +210,8 @@ class Sensor:
 
     def _orientation(self, values: Array, given: Array) -> Array:
         rpy = np.where(given[3:6], values[3:6], 0.0)
+        if not np.isfinite(rpy).all():
+            return np.full((3, 3), np.nan)
         return rotation_z(self.options.yaw_offset) @ rotation_from_rpy(*rpy)
 
     def _pose(self, values: Array, given: Array) -> Array:
