@@ -149,7 +149,7 @@ def test_python_on_a_page_runs(page: str, desk: Path, capsys: pytest.CaptureFixt
         "file_formats.md": "gobelet ['r0v1'",
         "proving_figures.md": "arm states without a collision",
         "deployment_points.md": "9 mm, score 1.00",
-        "filter.md": "x 1.00 1 refused",
+        "filter.md": "x 1.0 1 refused",
     }[page]
     assert expected in capsys.readouterr().out
 

@@ -18,7 +18,6 @@ from grape.localization.sensors import Sensor, SensorOptions
 from grape.localization.state import STATE, Belief, Correction, Measurement, Verdict
 from grape.messages import Array, Odometry
 
-OUT_OF_PLANE = np.array([False, False, True, True, True, False])
 INVALID = "invalid"
 DISABLED = "disabled"
 
@@ -49,7 +48,8 @@ class Fusion:
 
     def reset(self) -> None:
         """Forget the estimate and begin anew with the next readings."""
-        self._sensors = {name: Sensor(name, o, self._given_datum) for name, o in self._options.items()}
+        two_d = self.options.filter.two_d
+        self._sensors = {name: Sensor(name, o, self._given_datum, two_d=two_d) for name, o in self._options.items()}
         self._ekf: Ekf | None = None
         self._newest = -np.inf
         self._leaping: Reading | None = None
@@ -77,7 +77,7 @@ class Fusion:
     @property
     def datum(self) -> Datum | None:
         """WGS84 origin of the geodetic readings; None before the first when none was given."""
-        return next((s.datum for s in self._sensors.values() if s.datum is not None), self._given_datum)
+        return self._given_datum
 
     @property
     def stamp(self) -> float:
@@ -159,8 +159,7 @@ class Fusion:
         """
         if self.datum is None:
             raise InvalidInput("without a datum there is no latitude and longitude; give one or a GNSS sensor")
-        placed = [s for s in self._sensors.values() if s.datum is not None]
-        T_world_enu = placed[0].options.mount.T_world_frame if placed else np.eye(4)
+        T_world_enu = next((s.options.mount.T_world_frame for s in self._sensors.values() if s.geodetic), np.eye(4))
         return geodetic_from_enu(self.datum, transform(inverse(T_world_enu), self.belief(stamp).mean[:3]))
 
     def widen(self, names: tuple[str, ...], std: float) -> None:
@@ -186,6 +185,10 @@ class Fusion:
         except InvalidInput:
             self._count(sensor.name, INVALID)
             return ()
+        if sensor.datum is not None and self._given_datum is None:  # the first one is the origin of all
+            self._given_datum = sensor.datum
+            for other in self._sensors.values():
+                other.datum = sensor.datum
         if self._ekf is None:
             self._begin(measurements)
             return ()
@@ -232,8 +235,6 @@ class Fusion:
         for sensor in self._sensors.values():
             if sensor.name not in self._disabled:
                 wanted |= sensor.flags[:6]
-        if self.options.filter.two_d:
-            wanted &= ~OUT_OF_PLANE
         for name in self.options.initial:
             if STATE.index(name) < 6:
                 wanted[STATE.index(name)] = False

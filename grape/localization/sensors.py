@@ -93,9 +93,10 @@ class Sensor:
 
     Args:
         datum: WGS84 origin of the frame in which geodetic readings are placed; without it the first one is the origin.
+        two_d: leave out z, roll and pitch.
     """
 
-    def __init__(self, name: str, options: SensorOptions, datum: Datum | None = None) -> None:
+    def __init__(self, name: str, options: SensorOptions, datum: Datum | None = None, *, two_d: bool = False) -> None:
         self.name = name
         self.options = options
         self.datum = datum
@@ -103,6 +104,8 @@ class Sensor:
         if options.differential:
             flags[TWIST] |= flags[POSE]
             flags[POSE] = False
+        if two_d:
+            flags[2:5] = False
         self._flags = flags
         mount = options.mount
         if options.relative:  # the world is base_link at the start; the sensor stood at its mount there
@@ -114,6 +117,7 @@ class Sensor:
         self._mount = mount
         self._R_sensor_base = mount.T_base_sensor[:3, :3].T
         self._groups = self._grouped()
+        self.geodetic = False  # whether it has given latitudes and longitudes
         self._first: Array | None = None
         self._previous: tuple[float, Array, Array] | None = None
 
@@ -133,7 +137,7 @@ class Sensor:
             raise InvalidInput(f"{self.name}: GNSS without a fix gives no position")
         values, given = reading.values.copy(), reading.given.copy()
         if reading.geodetic is not None:
-            values[:3] = self._placed(reading.geodetic)
+            values[:3], self.geodetic = self._placed(reading.geodetic), True
         if self._is_still(values, given):
             return [self._stands(reading.stamp - self.options.delay_s)]
         covariance, stamp = self._covariance(reading, values), reading.stamp - self.options.delay_s
@@ -197,8 +201,9 @@ class Sensor:
         set_by_user = np.isfinite(o.std)
         C[set_by_user, :] = C[:, set_by_user] = 0.0
         variance = np.where(set_by_user, o.std**2, own)
-        more = np.nan_to_num(o.std_per_speed) * np.linalg.norm(np.nan_to_num(values[6:9]))
-        more = more + np.nan_to_num(o.std_per_turn) * abs(np.nan_to_num(values[11]))
+        moving = np.where(np.isfinite(values), values, 0.0)
+        more = np.nan_to_num(o.std_per_speed) * np.linalg.norm(moving[6:9])
+        more = more + np.nan_to_num(o.std_per_turn) * abs(moving[11])
         if more.any():
             variance = (np.sqrt(variance) + more) ** 2
         factor = o.status_factors.get(reading.status, 1.0) ** 2

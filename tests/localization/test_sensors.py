@@ -33,8 +33,8 @@ def test_differential_poses_become_velocities_along_the_sensors_axes():
     A = pose(rotation_from_rpy(0.1, 0.2, 2.0), (1.0, 2.0, 3.0))
     B = A @ pose(rotation_from_rpy(0.0, 0.0, 0.05), (0.1, 0.02, 0.0))
     assert sensor.measurements(pose_reading(1.0, A)) == []
-    with pytest.raises(InvalidInput, match="neither"):
-        sensor.measurements(pose_reading(1.5, A))
+    (still,) = sensor.measurements(pose_reading(1.5, A))
+    assert np.allclose(np.sqrt(still.covariance.diagonal()), np.sqrt(2) * 0.1 / 0.5)
     twist = per_component(vx=0.1, vy=0.1, vz=0.1, wx=0.1, wy=0.1, wz=0.1)
     sensor = Sensor("laser", SensorOptions(components=options.components, std=twist, differential=True))
     sensor.measurements(pose_reading(1.0, A))
@@ -44,6 +44,12 @@ def test_differential_poses_become_velocities_along_the_sensors_axes():
     assert np.allclose(m.value, np.r_[1.0, 0.2, 0.0, rotation_log((inverse(A) @ B)[:3, :3]) / 0.1])
     with pytest.raises(InvalidInput, match="increase"):
         sensor.measurements(pose_reading(1.1, B))
+
+
+def test_noise_that_nobody_knows_is_an_error():
+    options = SensorOptions(components=components("x", "y"), std=per_component(x=0.1))
+    with pytest.raises(InvalidInput, match="how good y"):
+        Sensor("place", options).measurements(reading_of_components(0.0, "place", x=1.0, y=2.0))
 
 
 def test_relative_poses_begin_where_the_base_begins():
