@@ -1,0 +1,102 @@
+"""How long one predict and one update of the 15-state filter take, beside filterpy on the same measurements."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from grape.experiments.bench_manipulation import BenchError, seconds
+from grape.geometry import rotation_from_rpy
+from grape.localization import Ekf, EkfOptions, Measurement
+from grape.messages import Array
+from grape.proof import Comparison
+
+STEPS = 200
+PERIOD_S = 0.02
+INDEX = np.array([3, 4, 5, 9, 10, 11])
+STD = 0.02
+AGREEMENT = 1e-6
+
+
+def filter_rows() -> list[Comparison]:
+    """An IMU of six components at 50 Hz: `Ekf.correct` from Python, and the extended filter of filterpy if installed.
+
+    Raises:
+        BenchError: the two do not come to the same estimate.
+    """
+    rng = np.random.default_rng(1)
+    values = rng.normal(0.0, STD, (STEPS, INDEX.size))
+    covariance = np.eye(INDEX.size) * STD**2
+    measurements = [
+        Measurement(stamp=PERIOD_S * (k + 1), source="imu", index=INDEX, value=values[k], covariance=covariance)
+        for k in range(STEPS)
+    ]
+    try:
+        import filterpy.kalman  # noqa: F401
+    except ImportError:
+        (ours,) = seconds(lambda: ours_run(measurements))
+        return [Comparison(quantity="filter: predict and update", unit="µs", value=1e6 * ours / STEPS)]
+    difference = np.abs(ours_run(measurements) - filterpy_run(values)).max()
+    if not difference < AGREEMENT:
+        raise BenchError(f"the filters differ by {difference:.2g} after {STEPS} steps")
+    ours, theirs = seconds(lambda: ours_run(measurements), lambda: filterpy_run(values))
+    return [
+        Comparison(
+            quantity="filter: predict and update", unit="µs", value=1e6 * ours / STEPS,
+            peer="filterpy", peer_value=1e6 * theirs / STEPS, ratio_goal=">= 5",
+        )
+    ]  # fmt: skip
+
+
+def ours_run(measurements: list[Measurement]) -> Array:
+    """(15,) the mean after all measurements."""
+    nothing = np.zeros(15)
+    ekf = Ekf(0.0, _start(), np.eye(15) * 0.01, EkfOptions(motion_noise=nothing, turn_noise=nothing))
+    for measurement in measurements:
+        ekf.correct(measurement)
+    return ekf.belief.mean
+
+
+def filterpy_run(values: Array) -> Array:
+    """(15,) the mean of filterpy's extended filter with the same model in NumPy."""
+    from filterpy.kalman import ExtendedKalmanFilter
+
+    ekf: Any = ExtendedKalmanFilter(dim_x=15, dim_z=INDEX.size)
+    ekf.x, ekf.P = _start(), np.eye(15) * 0.01
+    ekf.Q, ekf.R = np.diag(EkfOptions().noise * PERIOD_S), np.eye(INDEX.size) * STD**2
+    H = np.eye(15)[INDEX]
+    for z in values:
+        ekf.F, moved = _motion(ekf.x, PERIOD_S)
+        ekf.predict_x = lambda u=0, moved=moved: setattr(ekf, "x", moved)
+        ekf.predict()
+        ekf.update(z, lambda x: H, lambda x: x[INDEX])
+    return np.asarray(ekf.x)
+
+
+def _start() -> Array:
+    mean = np.zeros(15)
+    mean[6] = 0.5
+    return mean
+
+
+def _motion(x: Array, dt: float) -> tuple[Array, Array]:
+    """Jacobian (15, 15) and mean (15,) after `dt` seconds of constant acceleration and rates."""
+    R = rotation_from_rpy(*x[3:6])
+    (sr, _), (cr, cp), tp = np.sin(x[3:5]), np.cos(x[3:5]), np.tan(x[4])
+    E = np.array([[1.0, sr * tp, cr * tp], [0.0, cr, -sr], [0.0, sr / cp, cr / cp]])
+    step = x[6:9] * dt + 0.5 * dt * dt * x[12:15]
+    y, F = x.copy(), np.eye(15)
+    y[:3] += R @ step
+    y[3:6] += E @ x[9:12] * dt
+    y[6:9] += x[12:15] * dt
+    turned = R @ step
+    pitch_axis = R @ np.cross([0.0, cr, -sr], step)
+    F[:3, 3] = R @ np.cross([1.0, 0.0, 0.0], step)
+    F[:3, 4], F[:3, 5] = pitch_axis, [-turned[1], turned[0], 0.0]
+    F[:3, 6:9], F[:3, 12:15] = R * dt, R * (0.5 * dt * dt)
+    F[3:6, 9:12], F[6:9, 12:15] = E * dt, np.eye(3) * dt
+    turn, across = sr * x[10] + cr * x[11], cr * x[10] - sr * x[11]
+    F[3:6, 3] += np.array([across * tp, -turn, across / cp]) * dt
+    F[3:6, 4] += np.array([turn / cp**2, 0.0, turn * tp / cp]) * dt
+    return F, y
