@@ -76,6 +76,8 @@ class Ekf:
             raise InvalidInput(f"mean (15,) and covariance (15, 15) needed, got {mean.shape} and {covariance.shape}")
         if not (np.isfinite(mean).all() and np.isfinite(covariance).all() and isfinite(stamp)):
             raise InvalidInput("the initial stamp, mean and covariance must be finite")
+        if np.abs(covariance - covariance.T).max() > 1e-9 or np.linalg.eigvalsh(covariance)[0] < -1e-9:
+            raise InvalidInput("the initial covariance must be symmetric and without negative eigenvalues")
         self.options = options or EkfOptions()
         self._kernels = ekf_kernels
         if self.options.two_d:

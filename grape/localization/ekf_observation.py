@@ -45,6 +45,21 @@ def rotated_by_rpy(R: Array, roll: float, b: Array) -> Array:
 
 
 @njit(cache=True)
+def base_attitude(rpy: Array, yaw_offset: float, R_world_frame: Array, R_base_sensor: Array) -> Array:
+    """Roll, pitch and yaw (3,) of base_link in the world when those of a sensor in its frame of the world are `rpy`."""
+    S = rotation(rpy[0], rpy[1], rpy[2] + yaw_offset)
+    R = np.zeros((3, 3))
+    for i in range(3):
+        for j in range(3):
+            for a in range(3):
+                for b in range(3):
+                    R[i, j] += R_world_frame[i, a] * S[a, b] * R_base_sensor[j, b]
+    if abs(R[2, 0]) > 1.0 - 1e-12:
+        return np.array([0.0, -np.sign(R[2, 0]) * np.pi / 2, np.arctan2(-R[0, 1], R[1, 1])])
+    return np.array([np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(R[2, 0]), np.arctan2(R[1, 0], R[0, 0])])
+
+
+@njit(cache=True)
 def wrap(angle: float) -> float:
     """The angle in [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi

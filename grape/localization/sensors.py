@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, isfinite
 
 import numpy as np
 
 from grape.errors import InvalidInput
 from grape.geodesy import Datum, enu_from_geodetic
-from grape.geometry import inverse, pose, rotation_from_rpy, rotation_log, rotation_to_rpy, rotation_z
+from grape.geometry import inverse, pose, rotation_from_rpy, rotation_log, rotation_to_rpy
 from grape.localization.readings import ACCELERATION, POSE, TWIST, Reading
 from grape.localization.state import STATE, Measurement, Mount
 from grape.messages import Array, frozen_array
 
 UNKNOWN = np.nan
+STARTED_OVER_S = 10.0  # a stamp so far behind is no late one, the sensor's time has started over
 FLOAT_FACTORS = {"single": 3.0, "float": 3.0}
 
 
@@ -84,6 +85,8 @@ class SensorOptions:
             raise InvalidInput("pose_gate, twist_gate and acceleration_gate must be positive")
         if self.differential and self.relative:
             raise InvalidInput("differential and relative exclude each other")
+        if self.still_below > 0 and not any(self.components[6:9]):
+            raise InvalidInput("still_below needs vx, vy or vz among the components: a gyroscope alone sees no standing")
         if not (np.isfinite(self.delay_s) and self.delay_s >= 0):
             raise InvalidInput(f"delay_s must be finite and not negative, got {self.delay_s}")
 
@@ -97,8 +100,11 @@ class Sensor:
     """
 
     def __init__(self, name: str, options: SensorOptions, datum: Datum | None = None, *, two_d: bool = False) -> None:
+        from grape.localization.ekf_observation import base_attitude  # numba takes a second to import
+
         self.name = name
         self.options = options
+        self._base_attitude = base_attitude
         self.datum = datum
         flags = np.array(options.components, bool)
         if options.differential:
@@ -115,8 +121,15 @@ class Sensor:
                 gravity=mount.gravity,
             )
         self._mount = mount
-        self._R_sensor_base = mount.T_base_sensor[:3, :3].T
+        self._R_world_frame = np.ascontiguousarray(mount.T_world_frame[:3, :3])
+        self._R_base_sensor = np.ascontiguousarray(mount.T_base_sensor[:3, :3])
         self._groups = self._grouped()
+        self._set_by_user = np.isfinite(options.std)
+        self._variance = options.std**2
+        self._per_speed, self._per_turn = np.nan_to_num(options.std_per_speed), np.nan_to_num(options.std_per_turn)
+        self._grows = bool(self._per_speed.any() or self._per_turn.any())
+        self._floor = options.least_std**2
+        self._has_floor = bool(np.isfinite(self._floor).any())
         self.geodetic = False  # whether it has given latitudes and longitudes
         self._first: Array | None = None
         self._previous: tuple[float, Array, Array] | None = None
@@ -191,50 +204,47 @@ class Sensor:
 
     def _covariance(self, reading: Reading, values: Array) -> Array:
         """(15, 15); nan on the diagonal where nothing is known."""
-        o = self.options
-        own = np.full(15, np.nan)
-        C = np.zeros((15, 15))
+        o, C, variance = self.options, None, self._variance
         if reading.covariance is not None:
             C = np.array(reading.covariance)
-            own = C.diagonal().copy()
-            own[own <= 0] = np.nan
-        set_by_user = np.isfinite(o.std)
-        C[set_by_user, :] = C[:, set_by_user] = 0.0
-        variance = np.where(set_by_user, o.std**2, own)
-        moving = np.where(np.isfinite(values), values, 0.0)
-        more = np.nan_to_num(o.std_per_speed) * np.linalg.norm(moving[6:9])
-        more = more + np.nan_to_num(o.std_per_turn) * abs(moving[11])
-        if more.any():
-            variance = (np.sqrt(variance) + more) ** 2
+            C[self._set_by_user, :] = C[:, self._set_by_user] = 0.0
+            own = C.diagonal()
+            variance = np.where(self._set_by_user | ~(own > 0), variance, own)
+        if self._grows:
+            speed, turn = float(np.sqrt(values[6:9] @ values[6:9])), abs(float(values[11]))
+            if isfinite(speed) and isfinite(turn):
+                variance = (np.sqrt(variance) + self._per_speed * speed + self._per_turn * turn) ** 2
         factor = o.status_factors.get(reading.status, 1.0) ** 2
+        if factor != 1.0:
+            variance = variance * factor
+        if self._has_floor:
+            variance = np.where(variance < self._floor, self._floor, variance)
+        if C is None:
+            return np.diag(variance)
         C *= factor
-        variance = np.fmax(variance * factor, o.least_std**2)
-        variance[np.isnan(own) & ~set_by_user] = np.nan
         np.fill_diagonal(C, variance)
         return C
 
-    def _orientation(self, values: Array, given: Array) -> Array:
-        rpy = np.where(given[3:6], values[3:6], 0.0)
-        if not np.isfinite(rpy).all():
-            return np.full((3, 3), np.nan)
-        return rotation_z(self.options.yaw_offset) @ rotation_from_rpy(*rpy)
-
     def _pose(self, values: Array, given: Array) -> Array:
-        return pose(self._orientation(values, given), np.where(given[:3], values[:3], 0.0))
+        """(4, 4) of the sensor in its frame of the world, what is not given as 0; nan when a number is none."""
+        T = np.where(given[POSE], values[POSE], 0.0)
+        if not np.isfinite(T).all():
+            return np.full((4, 4), np.nan)
+        return pose(rotation_from_rpy(T[3], T[4], T[5] + self.options.yaw_offset), T[:3])
 
     def _take_off_mount(self, values: Array, given: Array) -> None:
         """The sensor's attitude in its frame of the world becomes that of base_link in the world, in place."""
+        rpy, offset = np.where(given[3:6], values[3:6], 0.0), self.options.yaw_offset
         if self.options.relative:
             T = self._pose(values, given)
             if not np.isfinite(T).all():
+                values[POSE] = np.nan
                 return
             self._first = T if self._first is None else self._first
             T_first_now = inverse(self._first) @ T
-            values[:3], R = T_first_now[:3, 3], T_first_now[:3, :3]
-        else:
-            R = self._orientation(values, given)
-        if np.isfinite(R).all():
-            values[3:6] = rotation_to_rpy(self._mount.T_world_frame[:3, :3] @ R @ self._R_sensor_base)
+            values[:3], rpy, offset = T_first_now[:3, 3], rotation_to_rpy(T_first_now[:3, :3]), 0.0
+        finite = bool(np.isfinite(rpy).all())
+        values[3:6] = self._base_attitude(rpy, offset, self._R_world_frame, self._R_base_sensor) if finite else np.nan
 
     def _differentiate(self, stamp: float, values: Array, given: Array, covariance: Array) -> float | None:
         """Pose since the reading before as velocities along the sensor's axes, in place; the time in their middle."""
@@ -249,7 +259,8 @@ class Sensor:
             return None
         dt = stamp - previous[0]
         if not dt > 0:
-            self._previous = previous
+            if dt > -STARTED_OVER_S:
+                self._previous = previous
             raise InvalidInput(f"{self.name}: stamps of a differential sensor must increase, got {dt} s")
         T_before_now = inverse(previous[1]) @ T
         change = np.concatenate([T_before_now[:3, 3], rotation_log(T_before_now[:3, :3])]) / dt

@@ -201,6 +201,10 @@ def test_options_with_negative_noise_are_refused():
         EkfOptions(noise=-np.ones(15))
 
 
-def test_initial_state_that_is_not_finite_is_refused():
+@pytest.mark.parametrize(
+    ("mean", "covariance"),
+    [(np.full(15, np.nan), np.eye(15)), (np.zeros(15), -np.eye(15)), (np.zeros(15), np.tri(15)), (np.zeros(3), np.eye(3))],
+)
+def test_initial_state_that_is_none_is_refused(mean, covariance):
     with pytest.raises(InvalidInput):
-        Ekf(0.0, np.full(15, np.nan), np.eye(15))
+        Ekf(0.0, mean, covariance)
