@@ -105,7 +105,7 @@ def by_one_filter(log: SkidSteerLog) -> Track:
 
 
 def by_chained_filters(log: SkidSteerLog) -> Track:
-    """A local filter of wheels and IMU, whose estimate and GNSS are all that the global one gets: the reference's way."""
+    """The reference's way: a local filter of wheels and IMU, and a global one that gets its estimate and GNSS."""
     sensors = skid_steer_sensors()
     local = {name: sensors[name] for name in LOCAL_SENSORS}
     chained = SensorOptions(
@@ -142,7 +142,5 @@ WAYS = (
     Way(name="wheels only", colour="#b85450", reference="unusable, a completely different path", track=by_wheels),
     Way(name="GNSS only", colour="#7a7a7a", reference="really accurate, but 1 Hz and no heading", track=by_gnss),
     Way(name=ONE_FILTER, colour="#4878a8", reference="very close to GNSS", track=by_one_filter),
-    Way(
-        name="EKF cascade", colour="#e08a3c", reference="pretty precise, 0.2 to 0.3 s late", track=by_chained_filters
-    ),
+    Way(name="EKF cascade", colour="#e08a3c", reference="pretty precise, 0.2 to 0.3 s late", track=by_chained_filters),
 )

@@ -10,7 +10,7 @@ import numpy as np
 from grape.geodesy import Datum, geodetic_from_enu
 from grape.geometry import pose, rotation_from_rpy
 from grape.localization import Mount, Reading, SensorOptions, components, per_component
-from grape.messages import Array
+from grape.messages import Array, frozen_array
 
 DATUM = Datum(latitude_deg=43.5, longitude_deg=10.6, altitude_m=120.0)
 T_BASE_ANTENNA = pose(None, (-0.35, -0.20, 0.75))
@@ -23,8 +23,8 @@ START = np.array([-3.0, -0.8, SLOPE * -3.0])  # m, in map
 STAGE = ((0.5, 0.0, 6.0), (0.0, 0.0, 4.0))  # m/s, rad/s, s: on to the next plant, and stand beside it
 STAGES = 25  # of a row
 LOCAL_SENSORS = ("wheels", "imu")
-EVERY_WHEEL_COMPONENT = np.isin(np.arange(15), (6, 7, 8, 11))
-EVERY_IMU_COMPONENT = np.isin(np.arange(15), (3, 4, 5, 9, 10, 11))
+WHEEL_COMPONENTS = frozen_array(np.array(components("vx", "vy", "vz", "wz")))
+IMU_COMPONENTS = frozen_array(np.array(components("roll", "pitch", "yaw", "wx", "wy", "wz")))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -121,8 +121,8 @@ def simulate_skid_steer(seed: int, duration_s: float, noise: SkidSteerNoise | No
     imu = _imu_values(stamps, R, about_up, noise, rng)
     arrivals: list[tuple[float, Reading]] = []
     for k, stamp in enumerate(stamps.tolist()):
-        arrivals.append((stamp, Reading(stamp=stamp, sensor="wheels", values=wheels[k], given=EVERY_WHEEL_COMPONENT)))
-        arrivals.append((stamp, Reading(stamp=stamp, sensor="imu", values=imu[k], given=EVERY_IMU_COMPONENT)))
+        arrivals.append((stamp, Reading(stamp=stamp, sensor="wheels", values=wheels[k], given=WHEEL_COMPONENTS)))
+        arrivals.append((stamp, Reading(stamp=stamp, sensor="imu", values=imu[k], given=IMU_COMPONENTS)))
         if k % 50 == 49:
             arrivals.append((stamp + noise.gnss_delay_s, _gnss_reading(stamp, antenna[k], rng, noise.gnss_std)))
     arrivals.sort(key=lambda item: item[0])

@@ -118,8 +118,9 @@ def test_every_command_in_a_block_is_accepted(
     monkeypatch.setattr("grape.campaign.command.run_jobs", lambda jobs, *rest: Standing(jobs=jobs))
     nothing = Experiment(row="G8", summary="", seeds=range(1), run=lambda *given: Proof(quantities=()))
     monkeypatch.setattr("grape.proving.reproduce.experiment_of", lambda row: nothing)
-    unmeasured = Bench(name="manipulation", summary="", run=lambda progress: ())
-    monkeypatch.setattr("grape.experiments.bench_manipulation.BENCH", unmeasured)
+    for name in ("manipulation", "navigation"):
+        unmeasured = Bench(name=name, summary="", run=lambda progress: ())
+        monkeypatch.setattr(f"grape.experiments.bench_{name}.BENCH", unmeasured)
     monkeypatch.setattr(sys, "argv", shlex.split(command))
     with pytest.raises(SystemExit) as end:
         cli.main()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from importlib.util import find_spec
+from math import cos, sin
 from typing import Any
 
 import numpy as np
 
 from grape.experiments.bench_manipulation import BenchError, seconds
-from grape.geometry import rotation_from_rpy
 from grape.localization import Ekf, EkfOptions, Measurement
 from grape.messages import Array
 from grape.proof import Comparison
@@ -41,9 +41,7 @@ def rows() -> list[Comparison]:
     difference = float(np.abs(ours_end - theirs_end).max())
     if not difference < AGREEMENT:
         raise BenchError(f"the filters differ by {difference:.2g} after {STEPS} steps")
-    times = seconds(
-        lambda: ours_run(measurements), lambda: filterpy_run(values), lambda: filterpy_run(values, motions)
-    )
+    times = seconds(lambda: ours_run(measurements), lambda: filterpy_run(values), lambda: filterpy_run(values, motions))
     ours, whole, alone = (1e6 * least / STEPS for least in times)
     return [
         Comparison(
@@ -95,21 +93,32 @@ def _start() -> Array:
 
 def _motion(x: Array, dt: float) -> Motion:
     """Jacobian (15, 15) and mean (15,) after `dt` seconds of constant acceleration and rates."""
-    R = rotation_from_rpy(*x[3:6])
-    (sr, _), (cr, cp), tp = np.sin(x[3:5]), np.cos(x[3:5]), np.tan(x[4])
-    E = np.array([[1.0, sr * tp, cr * tp], [0.0, cr, -sr], [0.0, sr / cp, cr / cp]])
-    step = x[6:9] * dt + 0.5 * dt * dt * x[12:15]
+    roll, pitch, yaw = x[3:6].tolist()
+    wx, wy, wz = x[9:12].tolist()
+    sr, cr, sp, cp, sy, cy = sin(roll), cos(roll), sin(pitch), cos(pitch), sin(yaw), cos(yaw)
+    tp = sp / cp
+    R = np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    step = x[6:9] * dt + (0.5 * dt * dt) * x[12:15]
+    moved = R @ step
+    sx, sy_, sz = step.tolist()
+    turn, across = sr * wy + cr * wz, cr * wy - sr * wz
     y, F = x.copy(), np.eye(15)
-    y[:3] += R @ step
-    y[3:6] += E @ x[9:12] * dt
+    y[:3] += moved
+    y[3:6] += np.array([wx + turn * tp, across, turn / cp]) * dt
     y[6:9] += x[12:15] * dt
-    turned = R @ step
-    pitch_axis = R @ np.cross([0.0, cr, -sr], step)
-    F[:3, 3] = R @ np.cross([1.0, 0.0, 0.0], step)
-    F[:3, 4], F[:3, 5] = pitch_axis, [-turned[1], turned[0], 0.0]
-    F[:3, 6:9], F[:3, 12:15] = R * dt, R * (0.5 * dt * dt)
-    F[3:6, 9:12], F[6:9, 12:15] = E * dt, np.eye(3) * dt
-    turn, across = sr * x[10] + cr * x[11], cr * x[10] - sr * x[11]
+    F[:3, 3] = R[:, 2] * sy_ - R[:, 1] * sz
+    F[:3, 4] = R @ np.array([cr * sz + sr * sy_, -sr * sx, -cr * sx])
+    F[0, 5], F[1, 5] = -moved[1], moved[0]
+    F[:3, 6:9] = R * dt
+    F[:3, 12:15] = R * (0.5 * dt * dt)
+    F[3:6, 9:12] = np.array([[1.0, sr * tp, cr * tp], [0.0, cr, -sr], [0.0, sr / cp, cr / cp]]) * dt
+    F[6, 12] = F[7, 13] = F[8, 14] = dt
     F[3:6, 3] += np.array([across * tp, -turn, across / cp]) * dt
     F[3:6, 4] += np.array([turn / cp**2, 0.0, turn * tp / cp]) * dt
     return F, y

@@ -114,9 +114,9 @@ class Ekf:
 
     def correct(self, measurement: Measurement) -> Correction:
         """Fuse a measurement at its own stamp, late ones by rewind and replay."""
-        if not measurement.usable:
-            return Correction(verdict=Verdict.NOT_FINITE)
         stamp = measurement.stamp
+        if not (isfinite(stamp) and self._kernels.usable(measurement.value, measurement.covariance, measurement.lever)):
+            return Correction(verdict=Verdict.NOT_FINITE)
         if stamp < self._stamps[0]:
             return Correction(verdict=Verdict.TOO_OLD)
         if stamp > self._stamps[-1] + self.options.longest_gap_s:

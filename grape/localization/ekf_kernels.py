@@ -53,19 +53,20 @@ def predict(x: Array, P: Array, noise: Array, motion_noise: Array, turn_noise: A
     y[4] = wrap(x[4] + (cr * wy - sr * wz) * dt)
     y[5] = wrap(x[5] + turn / cp * dt)
     speed, rate = np.sqrt(x[6] ** 2 + x[7] ** 2), abs(x[11])
-    A = np.zeros((N, N))
+    A, Qt = np.zeros((N, N)), np.zeros((N, N))
     for i in range(N):
         for k in range(N):
             if F[i, k] != 0.0:
                 for j in range(N):
                     A[i, j] += F[i, k] * P[k, j]
-    Q = np.zeros((N, N))
+    At = A.T.copy()  # the transposed product, so that innermost loops run along rows
+    for j in range(N):
+        for k in range(N):
+            if F[j, k] != 0.0:
+                for i in range(N):
+                    Qt[j, i] += At[k, i] * F[j, k]
+    Q = Qt.T.copy()
     for i in range(N):
-        for j in range(N):
-            total = 0.0
-            for k in range(N):
-                total += A[i, k] * F[j, k]
-            Q[i, j] = total
         Q[i, i] += (noise[i] + motion_noise[i] * speed + turn_noise[i] * rate) * dt
     return y, Q
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import inf, isfinite
+from math import inf, isfinite, sqrt
 
 import numpy as np
 
@@ -86,8 +86,8 @@ class SensorOptions:
         if self.differential and self.relative:
             raise InvalidInput("differential and relative exclude each other")
         if self.still_below > 0 and not any(self.components[6:9]):
-            raise InvalidInput("still_below needs vx, vy or vz among the components: a gyroscope alone sees no standing")
-        if not (np.isfinite(self.delay_s) and self.delay_s >= 0):
+            raise InvalidInput("still_below needs vx, vy or vz among the components: rates alone tell no standing")
+        if not (isfinite(self.delay_s) and self.delay_s >= 0):
             raise InvalidInput(f"delay_s must be finite and not negative, got {self.delay_s}")
 
 
@@ -124,6 +124,8 @@ class Sensor:
         self._R_world_frame = np.ascontiguousarray(mount.T_world_frame[:3, :3])
         self._R_base_sensor = np.ascontiguousarray(mount.T_base_sensor[:3, :3])
         self._groups = self._grouped()
+        self._known: dict[bytes, list[tuple[Array, float]]] = {}
+        self._turns_poses = bool(flags[POSE].any())
         self._set_by_user = np.isfinite(options.std)
         self._variance = options.std**2
         self._per_speed, self._per_turn = np.nan_to_num(options.std_per_speed), np.nan_to_num(options.std_per_turn)
@@ -153,15 +155,16 @@ class Sensor:
             values[:3], self.geodetic = self._placed(reading.geodetic), True
         if self._is_still(values, given):
             return [self._stands(reading.stamp - self.options.delay_s)]
-        covariance, stamp = self._covariance(reading, values), reading.stamp - self.options.delay_s
+        (variance, correlated), stamp = self._noise(reading, values), reading.stamp - self.options.delay_s
         if self.options.differential and given[POSE].any():
-            middle = self._differentiate(stamp, values, given, covariance)
+            variance = variance.copy()
+            middle = self._differentiate(stamp, values, given, variance)
             if middle is None:
                 given[TWIST] &= np.array(self.options.components[TWIST])
             stamp = middle if middle is not None else stamp
-        elif self._flags[POSE].any() and (self.options.relative or given[3:6].any()):
+        elif self._turns_poses and (self.options.relative or given[3:6].any()):
             self._take_off_mount(values, given)
-        return self._selected(stamp, values, given, covariance)
+        return self._selected(stamp, values, given, variance, correlated)
 
     def _grouped(self) -> list[tuple[Array, float]]:
         o = self.options
@@ -189,8 +192,10 @@ class Sensor:
         return enu_from_geodetic(self.datum, latitude, longitude, altitude)
 
     def _is_still(self, values: Array, given: Array) -> bool:
+        if self.options.still_below <= 0:
+            return False
         moving = values[TWIST][given[TWIST]]
-        return bool(moving.size and self.options.still_below > 0 and np.abs(moving).max() < self.options.still_below)
+        return bool(moving.size and np.abs(moving).max() < self.options.still_below)
 
     def _stands(self, stamp: float) -> Measurement:
         return Measurement(
@@ -202,28 +207,24 @@ class Sensor:
             gate=self.options.twist_gate,
         )
 
-    def _covariance(self, reading: Reading, values: Array) -> Array:
-        """(15, 15); nan on the diagonal where nothing is known."""
-        o, C, variance = self.options, None, self._variance
+    def _noise(self, reading: Reading, values: Array) -> tuple[Array, Array | None]:
+        """Variances (15,), nan where nothing is known, and the covariances (15, 15) beside them if there are any."""
+        variance, correlated = self._variance, None
         if reading.covariance is not None:
-            C = np.array(reading.covariance)
-            C[self._set_by_user, :] = C[:, self._set_by_user] = 0.0
-            own = C.diagonal()
+            correlated = reading.covariance.copy()
+            correlated[self._set_by_user, :] = correlated[:, self._set_by_user] = 0.0
+            own = correlated.diagonal()
             variance = np.where(self._set_by_user | ~(own > 0), variance, own)
         if self._grows:
-            speed, turn = float(np.sqrt(values[6:9] @ values[6:9])), abs(float(values[11]))
+            speed, turn = sqrt(values[6:9] @ values[6:9]), abs(values[11])
             if isfinite(speed) and isfinite(turn):
                 variance = (np.sqrt(variance) + self._per_speed * speed + self._per_turn * turn) ** 2
-        factor = o.status_factors.get(reading.status, 1.0) ** 2
+        factor = self.options.status_factors.get(reading.status, 1.0) ** 2
         if factor != 1.0:
-            variance = variance * factor
+            variance, correlated = variance * factor, None if correlated is None else correlated * factor
         if self._has_floor:
             variance = np.where(variance < self._floor, self._floor, variance)
-        if C is None:
-            return np.diag(variance)
-        C *= factor
-        np.fill_diagonal(C, variance)
-        return C
+        return variance, correlated
 
     def _pose(self, values: Array, given: Array) -> Array:
         """(4, 4) of the sensor in its frame of the world, what is not given as 0; nan when a number is none."""
@@ -246,7 +247,7 @@ class Sensor:
         finite = bool(np.isfinite(rpy).all())
         values[3:6] = self._base_attitude(rpy, offset, self._R_world_frame, self._R_base_sensor) if finite else np.nan
 
-    def _differentiate(self, stamp: float, values: Array, given: Array, covariance: Array) -> float | None:
+    def _differentiate(self, stamp: float, values: Array, given: Array, variance: Array) -> float | None:
         """Pose since the reading before as velocities along the sensor's axes, in place; the time in their middle."""
         if np.array(self.options.components[:3]).any() and not given[3:6].any():
             raise InvalidInput(f"{self.name}: a differential position needs the orientation in the same reading")
@@ -254,7 +255,7 @@ class Sensor:
         if not np.isfinite(T).all():
             values[TWIST] = np.nan
             return stamp
-        previous, self._previous = self._previous, (stamp, T, covariance)
+        previous, self._previous = self._previous, (stamp, T, variance[POSE].copy())
         if previous is None:
             return None
         dt = stamp - previous[0]
@@ -267,23 +268,21 @@ class Sensor:
         measured = np.array(self.options.components[POSE]) & given[POSE]
         values[TWIST] = np.where(measured, change, values[TWIST])
         given[TWIST] |= measured
-        poses = (np.diagonal(previous[2])[POSE] + np.diagonal(covariance)[POSE]) / dt**2
-        own = np.isfinite(self.options.std[TWIST])
-        variance = np.where(measured & ~own, poses, np.diagonal(covariance)[TWIST])
-        covariance[np.arange(6, 12), np.arange(6, 12)] = variance
+        of_poses = (previous[2] + variance[POSE]) / dt**2
+        variance[TWIST] = np.where(measured & ~self._set_by_user[TWIST], of_poses, variance[TWIST])
         return stamp - 0.5 * dt
 
-    def _selected(self, stamp: float, values: Array, given: Array, covariance: Array) -> list[Measurement]:
+    def _selected(
+        self, stamp: float, values: Array, given: Array, variance: Array, correlated: Array | None
+    ) -> list[Measurement]:
         found = []
-        for mask, gate in self._groups:
-            index = np.flatnonzero(mask & given)
-            if index.size == 0:
-                continue
-            C = covariance[np.ix_(index, index)]
-            unknown = np.isnan(C.diagonal())
-            if unknown.any():
-                names = ", ".join(STATE[i] for i in index[unknown])
+        for index, gate in self._chosen(given):
+            own = variance[index]
+            if np.isnan(own).any():
+                names = ", ".join(STATE[i] for i in index[np.isnan(own)])
                 raise InvalidInput(f"{self.name}: neither the reading nor `std` says how good {names} are")
+            C = np.zeros((index.size, index.size)) if correlated is None else correlated[np.ix_(index, index)]
+            np.fill_diagonal(C, own)
             found.append(
                 Measurement(
                     stamp=stamp,
@@ -296,6 +295,14 @@ class Sensor:
                 )
             )
         return found
+
+    def _chosen(self, given: Array) -> list[tuple[Array, float]]:
+        """Components that are fused together, and their gate; most readings give the same ones again and again."""
+        key = given.tobytes()
+        if key not in self._known:
+            indices = ((np.flatnonzero(mask & given), gate) for mask, gate in self._groups)
+            self._known[key] = [(frozen_array(index), gate) for index, gate in indices if index.size]
+        return self._known[key]
 
 
 def skid_steer_rates(left: float, right: float, effective_track: float) -> tuple[float, float]:

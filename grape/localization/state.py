@@ -101,7 +101,7 @@ class Measurement:
                 f"{self.source}: {m} components need values ({m},), covariance ({m}, {m}) and lever (3,), got "
                 f"{self.value.shape}, {self.covariance.shape}, {self.lever.shape}"
             )
-        if not (self.index.min() >= 0 and self.index.max() < len(STATE)):
+        if not all(0 <= i < len(STATE) for i in self.index.tolist()):
             raise InvalidInput(f"{self.source}: indices must lie in 0 .. {len(STATE) - 1}, got {self.index}")
 
     @property

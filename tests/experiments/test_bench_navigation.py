@@ -57,7 +57,7 @@ def test_without_filterpy_the_filter_is_timed_alone(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(filter_bench, "STEPS", 10)
     monkeypatch.setattr(filter_bench, "find_spec", lambda name: None)
     (row,) = filter_bench.rows()
-    assert row.peer == "" and 0.0 < row.value
+    assert row.peer == "" and row.value > 0.0
     values = np.full((1, 6), 0.01)
     measurement = Measurement(
         stamp=0.02, source="imu", index=filter_bench.INDEX, value=values[0], covariance=np.eye(6) * 0.0004

@@ -46,6 +46,33 @@ def test_differential_poses_become_velocities_along_the_sensors_axes():
         sensor.measurements(pose_reading(1.1, B))
 
 
+def test_differential_sensor_survives_a_late_stamp_and_time_that_starts_over():
+    twist = per_component(vx=0.1, vy=0.1, vz=0.1, wx=0.1, wy=0.1, wz=0.1)
+    sensor = Sensor("laser", SensorOptions(components=components("x", "y", "yaw"), std=twist, differential=True))
+
+    def speeds(stamp: float, x: float) -> np.ndarray:
+        return sensor.measurements(pose_reading(stamp, pose(None, (x, 0.0, 0.0))))[0].value
+
+    sensor.measurements(pose_reading(100.0, np.eye(4)))
+    with pytest.raises(InvalidInput, match="increase"):
+        speeds(99.9, 5.0)
+    assert speeds(100.1, 0.1)[0] == pytest.approx(1.0)
+    with pytest.raises(InvalidInput, match="increase"):
+        speeds(0.0, 7.0)
+    assert speeds(0.1, 7.05)[0] == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("relative", [False, True])
+def test_a_pose_of_which_one_angle_is_none_says_nothing(relative):
+    chosen = components("x", "yaw")
+    sensor = Sensor(
+        "laser", SensorOptions(components=chosen, std=EVERY, relative=relative, mount=Mount(T_base_sensor=TURNED))
+    )
+    values = {"x": 3.0, "y": 0.0, "z": 0.0, "roll": np.nan, "pitch": 0.0, "yaw": 1.0}
+    (m,) = sensor.measurements(reading_of_components(0.0, "laser", **values))
+    assert not m.usable
+
+
 def test_noise_that_nobody_knows_is_an_error():
     options = SensorOptions(components=components("x", "y"), std=per_component(x=0.1))
     with pytest.raises(InvalidInput, match="how good y"):
@@ -124,6 +151,7 @@ def test_messages_keep_their_numbers():
         {"pose_gate": 0.0},
         {"differential": True, "relative": True},
         {"delay_s": -1.0},
+        {"components": components("wx", "wy", "wz"), "still_below": 0.01},
     ],
 )
 def test_options_that_mean_nothing_are_refused(wrong):
