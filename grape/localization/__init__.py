@@ -15,7 +15,8 @@ from grape.localization.measurements import (
     wheel_speeds,
 )
 from grape.localization.readings import Reading, reading_of_components, reading_of_message
-from grape.localization.sensors import Sensor, SensorOptions, per_component, skid_steer_rates
+from grape.localization.sensor_options import SensorOptions, per_component
+from grape.localization.sensors import Sensor, skid_steer_rates
 from grape.localization.state import STATE, Belief, Correction, Measurement, Mount, Verdict, components
 
 __all__ = [

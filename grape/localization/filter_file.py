@@ -18,7 +18,7 @@ from grape.geometry import pose, rotation_from_rpy
 from grape.localization.cascade import Cascade
 from grape.localization.ekf import EkfOptions
 from grape.localization.fusion import Fusion, FusionOptions
-from grape.localization.sensors import FLOAT_FACTORS, SensorOptions, per_component
+from grape.localization.sensor_options import FLOAT_FACTORS, SensorOptions, per_component
 from grape.localization.state import GRAVITY, STATE, Mount, components
 from grape.messages import Array
 

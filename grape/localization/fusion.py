@@ -14,7 +14,8 @@ from grape.geometry import inverse, pose, transform
 from grape.localization.beginning import FusionOptions, begun
 from grape.localization.ekf import Ekf
 from grape.localization.readings import Reading
-from grape.localization.sensors import Sensor, SensorOptions
+from grape.localization.sensor_options import SensorOptions
+from grape.localization.sensors import Sensor
 from grape.localization.state import STATE, Belief, Correction, Measurement, Verdict
 from grape.messages import Array, Odometry
 
