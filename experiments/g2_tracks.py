@@ -59,12 +59,18 @@ class Track:
 
 @dataclass(frozen=True, kw_only=True)
 class Way:
-    """One estimator of the comparison. Attributes: reference: what the reference found."""
+    """One estimator of the comparison.
+
+    Attributes:
+        reference: what the reference found of it.
+        keeps_up: whether it stays near enough to the truth for a lag to mean anything.
+    """
 
     name: str
     colour: str
     reference: str
     track: Callable[[SkidSteerLog], Track]
+    keeps_up: bool = True
 
 
 def by_wheels(log: SkidSteerLog) -> Track:
@@ -101,7 +107,8 @@ def at_its_fixes(log: SkidSteerLog) -> Track:
 
 def by_one_filter(log: SkidSteerLog) -> Track:
     """Wheels, IMU and GNSS in one filter."""
-    return followed(log, Fusion(skid_steer_sensors(), datum=DATUM), log.readings)
+    fusion = Fusion(skid_steer_sensors(), datum=DATUM)
+    return followed(log, fusion, fusion.take, log.readings)
 
 
 def by_chained_filters(log: SkidSteerLog) -> Track:
@@ -116,12 +123,13 @@ def by_chained_filters(log: SkidSteerLog) -> Track:
     )
     below = Fusion(local, FusionOptions(frame_id="odom"))
     above = Fusion({"local": chained, "gnss": sensors["gnss"]}, datum=DATUM)
-    return followed(log, Cascade(below, above, chain_every_s=CHAIN_S), log.readings)
+    return followed(log, above, Cascade(below, above, chain_every_s=CHAIN_S).take, log.readings)
 
 
-def followed(log: SkidSteerLog, taker: Fusion | Cascade, readings: Iterable[Reading]) -> Track:
-    """What a filter says at its looks while readings come."""
-    fusion = taker.global_ if isinstance(taker, Cascade) else taker
+def followed(
+    log: SkidSteerLog, fusion: Fusion, take: Callable[[Reading], object], readings: Iterable[Reading]
+) -> Track:
+    """What a filter says at its looks while it, or the cascade it belongs to, takes readings."""
     looks = np.arange(1, round(log.stamps[-1] / LOOK_S) + 1) * LOOK_S
     stamps, said, covariances, k = [], [], [], 0
     for reading in readings:
@@ -132,14 +140,20 @@ def followed(log: SkidSteerLog, taker: Fusion | Cascade, readings: Iterable[Read
                 said.append(belief.mean[:2])
                 covariances.append(belief.covariance[:2, :2])
             k += 1
-        taker.take(reading)
+        take(reading)
     true = log.poses[[log.index(stamp) for stamp in stamps], :2]
     return Track(stamps=np.array(stamps), said=np.array(said), true=true, covariances=np.array(covariances))
 
 
 ONE_FILTER = "EKF"
 WAYS = (
-    Way(name="wheels only", colour="#b85450", reference="unusable, a completely different path", track=by_wheels),
+    Way(
+        name="wheels only",
+        colour="#b85450",
+        reference="unusable, a completely different path",
+        track=by_wheels,
+        keeps_up=False,
+    ),
     Way(name="GNSS only", colour="#7a7a7a", reference="really accurate, but 1 Hz and no heading", track=by_gnss),
     Way(name=ONE_FILTER, colour="#4878a8", reference="very close to GNSS", track=by_one_filter),
     Way(name="EKF cascade", colour="#e08a3c", reference="pretty precise, 0.2 to 0.3 s late", track=by_chained_filters),

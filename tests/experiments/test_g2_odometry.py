@@ -110,10 +110,10 @@ def test_sessions_give_quantities_and_a_page_and_go_on(tmp_path: Path, monkeypat
     figures = {quantity.name: quantity for quantity in proof.quantities}
     assert {f"{way.name}: RMSE" for way in WAYS} <= set(figures)
     assert figures["EKF: RMSE"].met and figures["EKF, 60 s without GNSS: largest error, worst"].n == 1
-    assert figures["EKF: moved by one jump of 0.5 m, at most"].met
+    assert figures["EKF: moved by a jump of 0.5 m, at most"].met
     kept = json.loads((tmp_path / "session1.json").read_text())
-    assert len(kept["jumps"]) == 2 and max(kept["outages"]) > 0.02
+    assert len(kept["moved"]) == len(kept["off"]) == 2 and max(kept["outages"]) > 0.02
     assert all(figure.svg.startswith("<svg") for figure in proof.figures)
-    (tmp_path / "session1.json").write_text(json.dumps({**kept, "jumps": [0.2, 0.01]}))
+    (tmp_path / "session1.json").write_text(json.dumps({**kept, "moved": [0.2, 0.01]}))
     again = {q.name: q.value for q in EXPERIMENT.run(range(1, 2), tmp_path, lambda share, what: None).quantities}
-    assert again["EKF: moved by one jump of 0.5 m, at most"] == 0.2
+    assert again["EKF: moved by a jump of 0.5 m, at most"] == 0.2
