@@ -24,7 +24,7 @@ SESSION_S, SETTLED_S = 780.0, 10.0
 OUTAGES_S = ((100.0, 160.0), (240.0, 300.0), (620.0, 680.0))  # the second one over a change of row
 RECOVERY_S = 20.0  # after an outage, before jumps count again
 JUMP_EVERY_S, JUMP_M, JUMP_EFFECT_S = 13.0, 0.5, 1.0  # while it drives, stands and turns
-NEES_RUNS = 10  # for each seed
+NEES_RUNS = 20  # for each seed
 TRUE = "#222222"
 Progress = Callable[[float, str], None]
 NOTES = (
@@ -39,7 +39,7 @@ NOTES = (
     "Without GNSS: three spells of 60 s a session, one of them over a change of row. Jumps: one fix in thirteen is half"
     " a metre off, to any side. How far the estimate moves as it comes, and how far it is then, within a second, from"
     " what it is with the right fix.",
-    "NEES: 10 runs of 20 s a seed, of random motion by the filter's own model.",
+    "NEES: 20 runs of 20 s a seed, of random motion by the filter's own model.",
 )
 
 
