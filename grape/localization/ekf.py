@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from dataclasses import dataclass, field
-from math import ceil, isfinite
+from math import ceil, isfinite, isnan
 
 import numpy as np
 
@@ -114,15 +114,15 @@ class Ekf:
 
     def correct(self, measurement: Measurement) -> Correction:
         """Fuse a measurement at its own stamp, late ones by rewind and replay."""
-        stamp = measurement.stamp
-        if not (isfinite(stamp) and self._kernels.usable(measurement.value, measurement.covariance, measurement.lever)):
+        stamp, newest = measurement.stamp, self._stamps[-1]
+        if newest <= stamp <= newest + self.options.longest_gap_s:
+            return self._fuse(measurement)
+        if not measurement.usable:
             return Correction(verdict=Verdict.NOT_FINITE)
         if stamp < self._stamps[0]:
             return Correction(verdict=Verdict.TOO_OLD)
-        if stamp > self._stamps[-1] + self.options.longest_gap_s:
+        if stamp > newest:
             return Correction(verdict=Verdict.TOO_NEW)
-        if stamp >= self._stamps[-1]:
-            return self._fuse(measurement)
         place = bisect_right(self._stamps, stamp)
         later, later_stamps = self._causes[place:], self._stamps[place:]
         for buffer in (self._stamps, self._beliefs, self._causes):
@@ -164,6 +164,8 @@ class Ekf:
             m.gate,
             m.frames,
         )
+        if isnan(distance):
+            return Correction(verdict=Verdict.NOT_FINITE)
         self._append(_frozen(max(m.stamp, prior.stamp), mean, covariance), m)
         return Correction(verdict=Verdict.GATED if distance > m.gate else Verdict.ACCEPTED, distance=distance)
 

@@ -160,13 +160,12 @@ def correct(
     distance = np.sqrt(distance)
     if distance > gate:
         return x, P, distance
-    y, C = x.copy(), P.copy()
+    y, C, Bt = x.copy(), P.copy(), B.T.copy()
     for i in range(N):
         for k in range(m):
             y[i] += B[i, k] * u[k]
-        for j in range(N):
-            for k in range(m):
-                C[i, j] -= B[i, k] * B[j, k]
+            for j in range(N):
+                C[i, j] -= B[i, k] * Bt[k, j]
     for i in range(3, 6):
         y[i] = wrap(y[i])
     return y, 0.5 * (C + C.T), distance
@@ -187,7 +186,9 @@ def fuse(
     gate: float,
     frames: Array,
 ) -> tuple[Array, Array, float]:
-    """`advance` and then `correct`, in one call."""
+    """`advance` and then `correct`, in one call; the distance is nan when the measurement is not `usable`."""
+    if not usable(z, R, lever):
+        return x.copy(), P.copy(), np.nan
     y, C = advance(x, P, noises, duration, steps, False)
     if two_d and steps > 0:
         flatten(y, C)

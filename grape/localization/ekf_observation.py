@@ -74,8 +74,12 @@ def observe(x: Array, index: Array, lever: Array, frames: Array) -> tuple[Array,
     """
     m = index.shape[0]
     h, H = np.empty(m), np.zeros((m, N))
-    R = rotation(x[3], x[4], x[5])
-    J = rotated_by_rpy(R, x[3], lever)
+    R, J = np.zeros((3, 3)), np.zeros((3, 3))
+    for k in range(m):
+        if index[k] < 3 or index[k] >= 12:  # nothing else depends on the attitude as a whole
+            R = rotation(x[3], x[4], x[5])
+            J = rotated_by_rpy(R, x[3], lever)
+            break
     if frames.shape[0]:
         for k in range(m):
             h[k] = _observe_mounted(x, index[k], lever, frames, R, J, H[k])

@@ -127,8 +127,7 @@ class Verdict(StrEnum):
     TOO_NEW = "too_new"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Correction:
+class Correction(NamedTuple):
     """The verdict and the Mahalanobis distance of the innovation (nan when it was not computed)."""
 
     verdict: Verdict
