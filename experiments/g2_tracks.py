@@ -36,7 +36,7 @@ class Track:
     @property
     def errors(self) -> Array:
         """(n,) m."""
-        return np.hypot(*(self.said - self.true).T)
+        return np.linalg.norm(self.said - self.true, axis=1)
 
     @property
     def lag_s(self) -> float:

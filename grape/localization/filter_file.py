@@ -15,10 +15,11 @@ from grape.config import Model, load_config
 from grape.errors import FileError, InvalidInput, Problem
 from grape.geodesy import Datum
 from grape.geometry import pose, rotation_from_rpy
+from grape.localization.beginning import FusionOptions
 from grape.localization.cascade import Cascade
 from grape.localization.ekf import EkfOptions
-from grape.localization.fusion import Fusion, FusionOptions
-from grape.localization.sensor_options import FLOAT_FACTORS, SensorOptions, per_component
+from grape.localization.fusion import Fusion
+from grape.localization.sensor_options import FLOAT_FACTOR, SensorOptions, per_component
 from grape.localization.state import GRAVITY, STATE, Mount, components
 from grape.messages import Array
 
@@ -50,7 +51,9 @@ class SensorFile(Model):
     least_std: dict[Component, Positive] = Field(default={})
     std_per_speed: dict[Component, NotNegative] = Field(default={})
     std_per_turn: dict[Component, NotNegative] = Field(default={})
-    status_factors: dict[Literal["single", "float", "fix"], Positive] = Field(default=FLOAT_FACTORS)
+    status_factors: dict[Literal["single", "float", "fix"], Positive] = Field(
+        default={"single": FLOAT_FACTOR, "float": FLOAT_FACTOR}
+    )
     differential: bool = False
     relative: bool = False
     yaw_offset: float = 0.0
@@ -72,7 +75,7 @@ class SensorFile(Model):
             least_std=per_component(**self.least_std),
             std_per_speed=per_component(**self.std_per_speed),
             std_per_turn=per_component(**self.std_per_turn),
-            status_factors=self.status_factors,
+            status_factors={str(name): factor for name, factor in self.status_factors.items()},
             differential=self.differential,
             relative=self.relative,
             yaw_offset=self.yaw_offset,
@@ -92,6 +95,10 @@ class DatumFile(Model):
     latitude: Annotated[float, Field(ge=-90, le=90)]
     longitude: Annotated[float, Field(ge=-180, le=180)]
     altitude: float = 0.0
+
+    def value(self) -> Datum:
+        """What `Fusion` takes."""
+        return Datum(latitude_deg=self.latitude, longitude_deg=self.longitude, altitude_m=self.altitude)
 
 
 class CascadeFile(Model):
@@ -154,9 +161,7 @@ def build_filter(file: FilterFile) -> ConfiguredFilter:
         InvalidInput: options that exclude each other, or a cascade of unknown sensors.
     """
     sensors = {name: _checked(name, sensor) for name, sensor in file.sensors.items()}
-    datum = file.datum and Datum(
-        latitude_deg=file.datum.latitude, longitude_deg=file.datum.longitude, altitude_m=file.datum.altitude
-    )
+    datum = None if file.datum is None else file.datum.value()
     if file.cascade is None:
         fusion = Fusion(sensors, _fusion_options(file, file.frame), datum=datum)
         return ConfiguredFilter(file=file, fusion=fusion, cascade=None)
@@ -184,16 +189,19 @@ def _checked(name: str, sensor: SensorFile) -> SensorOptions:
 
 def _fusion_options(file: FilterFile, frame: str) -> FusionOptions:
     standard = EkfOptions()
-    noises = {
-        name: _changed(getattr(standard, name), getattr(file, name)) for name in ("noise", "motion_noise", "turn_noise")
-    }
-    ekf = EkfOptions(two_d=file.two_d, history_s=file.history_s, **noises)
+    ekf = EkfOptions(
+        noise=_changed(standard.noise, file.noise),
+        motion_noise=_changed(standard.motion_noise, file.motion_noise),
+        turn_noise=_changed(standard.turn_noise, file.turn_noise),
+        two_d=file.two_d,
+        history_s=file.history_s,
+    )
     own = frame == file.frame or file.cascade is None
     return FusionOptions(
         filter=ekf,
         frame_id=frame,
-        initial=file.initial if own else {},
-        initial_std=file.initial_std if own else {},
+        initial={str(name): value for name, value in file.initial.items() if own},
+        initial_std={str(name): value for name, value in file.initial_std.items() if own},
         leap_s=file.leap_s,
     )
 

@@ -195,7 +195,7 @@ def reading_of_row(sensor: str, row: dict[str, float], status: str = "fix", trac
     if wheels := _all_or_none(row, WHEELS):
         if track is None:
             raise InvalidInput(f"left and right need `effective_track` of {sensor!r} in the configuration")
-        values[6], values[11] = skid_steer_rates(*wheels, track)
+        values[6], values[11] = skid_steer_rates(wheels[0], wheels[1], track)
         values[7] = values[8] = 0.0
         given[6:9] = given[11] = True
     place = _all_or_none({"alt": np.nan, **row} if "lat" in row or "lon" in row else row, GEODETIC)

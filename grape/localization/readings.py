@@ -68,8 +68,8 @@ def reading_of_components(stamp: float, sensor: str, **values: float) -> Reading
     return Reading(
         stamp=stamp,
         sensor=sensor,
-        values=[values.get(name, 0.0) for name in STATE],
-        given=[name in values for name in STATE],
+        values=np.array([values.get(name, 0.0) for name in STATE]),
+        given=np.array([name in values for name in STATE]),
     )
 
 

@@ -13,7 +13,7 @@ from grape.localization.state import STATE, Mount
 from grape.messages import Array, frozen_array
 
 UNKNOWN = np.nan
-FLOAT_FACTORS = {"single": 3.0, "float": 3.0}
+FLOAT_FACTOR = 3.0  # errors without an integer fix stay for many readings
 
 
 def per_component(**values: float) -> Array:
@@ -55,7 +55,7 @@ class SensorOptions:
     least_std: Array = field(default_factory=per_component)
     std_per_speed: Array = field(default_factory=per_component)
     std_per_turn: Array = field(default_factory=per_component)
-    status_factors: Mapping[str, float] = field(default_factory=lambda: FLOAT_FACTORS)
+    status_factors: Mapping[str, float] = field(default_factory=lambda: {"single": FLOAT_FACTOR, "float": FLOAT_FACTOR})
     differential: bool = False
     relative: bool = False
     yaw_offset: float = 0.0

@@ -226,7 +226,7 @@ class Sensor:
             raise InvalidInput(f"{self.name}: neither the reading nor `std` says how good {names} are")
         if correlated is None:
             return np.diag(own)
-        C = correlated[np.ix_(index, index)]
+        C: Array = correlated[np.ix_(index, index)]
         np.fill_diagonal(C, own)
         return C
 
