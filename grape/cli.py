@@ -148,6 +148,26 @@ def bench(
     bench_command(name, file)
 
 
+@app.command("filter")
+def filter_(
+    log: Annotated[Path, typer.Argument(help="Recorded readings: .csv or .jsonl.")],
+    config: Annotated[Path, typer.Option("--config", metavar="FILE", help="YAML with sensors, noise and datum.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Estimate, .csv or .jsonl; default: <LOG>.estimate.csv.")
+    ] = None,
+    assignments: Assignments = None,
+) -> None:
+    """Estimate where a robot was from recorded readings of its sensors.
+
+    Wheels, IMU, odometry, GNSS and any other source of poses, velocities or accelerations, by one Kalman filter or a
+    local and a global one. Formats: docs/filter.md. Exit codes: 0 it ran, 1 error in the input.
+    """
+    from grape.localization.filter_command import filter_command
+
+    for line in filter_command(log, config, out, assignments or []):
+        typer.echo(line)
+
+
 @app.command()
 def resume(
     folder: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of a mission that was killed or aborted.")],

@@ -30,6 +30,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         ROBOTS: {"husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION"},
         WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
         EXPERIMENTS: {
+            "G2": "grape.experiments.g2_odometry:EXPERIMENT",
             "G8": "grape.experiments.g8_deployment_points:EXPERIMENT",
             "G10": "grape.experiments.g10_servoing:EXPERIMENT",
             "G12": "grape.experiments.g12_nail_servoing:EXPERIMENT",
@@ -43,7 +44,10 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "B1": "grape.experiments.base_placement:EXPERIMENT",
             "K1": "grape.experiments.kill_resume:EXPERIMENT",
         },
-        BENCHES: {"manipulation": "grape.experiments.bench_manipulation:BENCH"},
+        BENCHES: {
+            "manipulation": "grape.experiments.bench_manipulation:BENCH",
+            "navigation": "grape.experiments.bench_navigation:BENCH",
+        },
     }
 )
 
