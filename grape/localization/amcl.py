@@ -1,0 +1,239 @@
+"""Adaptive Monte Carlo localisation: where a robot is on a known map, by its laser and its odometry.
+
+Source: Thrun, Burgard and Fox, Probabilistic Robotics, 2005, tables 8.3 (augmented recovery) and 8.4 (KLD sampling).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from grape.errors import InvalidInput
+from grape.geometry import wrap_angle
+from grape.localization.likelihood_field import LikelihoodField
+from grape.localization.motion import OdometryNoise, moved
+from grape.mapping.planar import between, compose
+from grape.mapping.scans import scan_ends
+from grape.messages import Array, LaserScan, frozen_array
+
+
+@dataclass(frozen=True, kw_only=True)
+class AmclOptions:
+    """Options of `Amcl`; lengths in m, angles in rad.
+
+    Particles are weighed after `update_way` or `update_turn` with `beams` beams shorter than `max_range`. Their
+    log-likelihoods are summed as if only `effective_beams` were independent. `kld_error` and `kld_quantile` (of the
+    normal distribution) set how many particles are kept, between `least` and `most`. While the likelihood's average
+    of the last 1 / `recovery_fast` updates is below `recovery_below` of that of the last 1 / `recovery_slow`,
+    particles are drawn anywhere; a rate of 0 turns that off.
+    """
+
+    least: int = 300
+    most: int = 2000
+    anywhere: int = 20000  # particles of a global start
+    beams: int = 60
+    max_range: float = 25.0
+    effective_beams: float = 15.0
+    update_way: float = 0.2
+    update_turn: float = 0.2
+    kld_error: float = 0.05
+    kld_quantile: float = 2.326
+    bin_way: float = 0.25
+    bin_turn: float = 0.175
+    recovery_slow: float = 0.02
+    recovery_fast: float = 0.2
+    recovery_below: float = 0.9
+    cluster_way: float = 1.0  # around the heaviest place: what the estimate is made of
+    cluster_turn: float = 0.5
+    noise: OdometryNoise = field(default_factory=OdometryNoise)
+
+    def __post_init__(self) -> None:
+        if not 1 <= self.least <= self.most or self.anywhere < 1 or self.beams < 1:
+            raise InvalidInput(f"1 <= least <= most, and at least one particle and beam needed, got {self}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class AmclEstimate:
+    """Where the robot is, after a call of `Amcl.update`.
+
+    Args:
+        pose: (3,) x y yaw in map, mean of the heaviest cluster.
+        covariance: (3, 3) of that cluster.
+        share: 0..1, weight of that cluster; far below 1 the place is ambiguous.
+        particles: how many there are.
+        likelihood: geometric mean of the beams' likelihoods at this update, 0..1.
+        strangers: share of particles that were drawn anywhere at this update.
+        updated: whether the scan was used; else odometry alone moved the estimate.
+    """
+
+    pose: Array
+    covariance: Array
+    share: float
+    particles: int
+    likelihood: float
+    strangers: float
+    updated: bool
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", frozen_array(self.pose, float))
+        object.__setattr__(self, "covariance", frozen_array(self.covariance, float))
+
+
+class Amcl:
+    """A particle filter on one map. Chance comes from the generators handed in alone, so a run repeats.
+
+    Args:
+        field: likelihood field of the map.
+        mount: (3,) x y yaw of the laser on the robot.
+    """
+
+    def __init__(self, field: LikelihoodField, options: AmclOptions | None = None, mount: Array | None = None) -> None:
+        self.field = field
+        self.options = options or AmclOptions()
+        self.mount = mount
+        self.poses = np.zeros((0, 3))
+        self.weights = np.zeros(0)
+        self._odometry: Array | None = None
+        self._estimate: AmclEstimate | None = None
+        self._slow = self._fast = 0.0
+
+    def start(self, pose: Array, covariance: Array, rng: np.random.Generator) -> None:
+        """Begin around a pose (3,) with covariance (3, 3).
+
+        Raises:
+            InvalidInput: they are not finite or of another shape.
+        """
+        pose, covariance = np.asarray(pose, float), np.asarray(covariance, float)
+        if pose.shape != (3,) or covariance.shape != (3, 3) or not np.isfinite([*pose, *covariance.ravel()]).all():
+            raise InvalidInput(f"a finite pose (3,) and covariance (3, 3) needed, got {pose.shape}, {covariance.shape}")
+        self._begin(rng.multivariate_normal(pose, covariance, size=self.options.most, method="eigh"))
+
+    def start_anywhere(self, rng: np.random.Generator) -> None:
+        """Begin with particles all over the free cells."""
+        self._begin(self.field.free_poses(self.options.anywhere, rng))
+
+    def update(self, odometry: Array, scan: LaserScan, rng: np.random.Generator) -> AmclEstimate:
+        """Take odometry (3,) x y yaw (any origin) and a scan of the same time.
+
+        Raises:
+            InvalidInput: not started, or odometry that is not finite.
+        """
+        odometry = np.array(odometry, float)
+        if not len(self.poses):
+            raise InvalidInput("call start or start_anywhere first")
+        if odometry.shape != (3,) or not np.isfinite(odometry).all():
+            raise InvalidInput(f"odometry must be a finite (3,), got {odometry}")
+        if self._odometry is not None:
+            step = between(self._odometry, odometry)
+            small = np.hypot(step[0], step[1]) < self.options.update_way and abs(step[2]) < self.options.update_turn
+            if small and self._estimate is not None:
+                return self._carried(step)
+            self.poses = moved(self.poses, step, self.options.noise, rng)
+        self._odometry = odometry
+        self._estimate = self._weigh(scan, rng)
+        return self._estimate
+
+    def _begin(self, poses: Array) -> None:
+        self.poses, self.weights = poses, np.full(len(poses), 1.0 / len(poses))
+        self._odometry, self._estimate, self._slow, self._fast = None, None, 0.0, 0.0
+
+    def _carried(self, step: Array) -> AmclEstimate:
+        last = self._estimate
+        assert last is not None
+        return AmclEstimate(
+            pose=compose(last.pose, step),
+            covariance=last.covariance,
+            share=last.share,
+            particles=last.particles,
+            likelihood=last.likelihood,
+            strangers=0.0,
+            updated=False,
+        )
+
+    def _weigh(self, scan: LaserScan, rng: np.random.Generator) -> AmclEstimate:
+        from grape.localization.amcl_kernels import log_weights
+
+        points = self._beams(scan)
+        spec, likelihood = self.field.spec, 0.0
+        if len(points):
+            logs = log_weights(
+                self.field.log_likelihood, spec.x_min, spec.y_min, spec.resolution, self.field.outside,
+                np.ascontiguousarray(self.poses), points,
+            )  # fmt: skip
+            likelihood = float(np.exp(logs) @ self.weights)
+            raised = np.minimum(self.options.effective_beams, len(points)) * logs
+            weights = self.weights * np.exp(raised - raised.max())
+            self.weights = weights / weights.sum()
+        pose, covariance, share = self._heaviest()
+        strangers = self._strangers(likelihood) if len(points) else 0.0
+        if len(points):
+            self._resample(strangers, rng)
+        return AmclEstimate(
+            pose=pose,
+            covariance=covariance,
+            share=share,
+            particles=len(self.poses),
+            likelihood=likelihood,
+            strangers=strangers,
+            updated=True,
+        )
+
+    def _beams(self, scan: LaserScan) -> Array:
+        """Points (m, 2) in the robot's frame of `beams` beams, evenly chosen among those with a return."""
+        points = scan_ends(scan, self.options.max_range, self.mount)
+        if len(points) > self.options.beams:
+            points = points[np.linspace(0, len(points) - 1, self.options.beams).round().astype(int)]
+        return np.ascontiguousarray(points)
+
+    def _strangers(self, likelihood: float) -> float:
+        """Share of particles to draw anywhere, by the likelihood's slow and fast averages."""
+        options = self.options
+        if options.recovery_slow <= 0.0 or options.recovery_fast <= 0.0:
+            return 0.0
+        if self._slow == 0.0:
+            self._slow = self._fast = likelihood
+        self._slow += options.recovery_slow * (likelihood - self._slow)
+        self._fast += options.recovery_fast * (likelihood - self._fast)
+        ratio = self._fast / max(self._slow * options.recovery_below, 1e-12)
+        return float(np.clip(1.0 - ratio, 0.0, 0.5))
+
+    def _resample(self, strangers: float, rng: np.random.Generator) -> None:
+        from grape.localization.amcl_kernels import resample
+
+        options = self.options
+        cumulative = np.cumsum(self.weights)
+        cumulative /= cumulative[-1]
+        others = self.field.free_poses(options.most, rng) if strangers > 0.0 else np.zeros((options.most, 3))
+        size = np.array([options.bin_way, options.bin_way, options.bin_turn])
+        chosen = resample(
+            np.ascontiguousarray(self.poses), cumulative, rng.random((options.most, 2)), others, strangers, size,
+            options.least, options.kld_error, options.kld_quantile,
+        )  # fmt: skip
+        new = chosen < 0
+        self.poses = np.where(new[:, None], others[np.where(new, -1 - chosen, 0)], self.poses[np.where(new, 0, chosen)])
+        self.weights = np.full(len(chosen), 1.0 / len(chosen))
+
+    def _heaviest(self) -> tuple[Array, Array, float]:
+        """Mean (3,), covariance (3, 3) and weight of the particles around the heaviest place."""
+        options, poses, weights = self.options, self.poses, self.weights
+        size = np.array([options.cluster_way, options.cluster_way, options.cluster_turn])
+        cells = np.floor(poses / size).astype(np.int64)
+        _, inverse = np.unique(cells, axis=0, return_inverse=True)
+        total = np.bincount(inverse.ravel(), weights)
+        mean = _mean(poses[inverse.ravel() == total.argmax()], weights[inverse.ravel() == total.argmax()])
+        for _ in range(2):
+            off = poses - mean
+            off[:, 2] = wrap_angle(off[:, 2])
+            near = (np.hypot(off[:, 0], off[:, 1]) < options.cluster_way) & (np.abs(off[:, 2]) < options.cluster_turn)
+            mean = _mean(poses[near], weights[near])
+        off = poses[near] - mean
+        off[:, 2] = wrap_angle(off[:, 2])
+        share = float(weights[near].sum())
+        return mean, (off * (weights[near] / share)[:, None]).T @ off, share
+
+
+def _mean(poses: Array, weights: Array) -> Array:
+    w = weights / weights.sum()
+    yaw = np.arctan2(w @ np.sin(poses[:, 2]), w @ np.cos(poses[:, 2]))
+    return np.array([w @ poses[:, 0], w @ poses[:, 1], yaw])
