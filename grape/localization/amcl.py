@@ -1,6 +1,7 @@
 """Adaptive Monte Carlo localisation: where a robot is on a known map, by its laser and its odometry.
 
-Source: Thrun, Burgard and Fox, Probabilistic Robotics, 2005, tables 8.3 (augmented recovery) and 8.4 (KLD sampling).
+Source: Thrun, Burgard and Fox, Probabilistic Robotics, 2005, tables 8.3 (augmented recovery) and 8.4 (KLD
+sampling); Lenser and Veloso, Sensor resetting localization, ICRA 2000 (new particles where the scan fits).
 """
 
 from __future__ import annotations
@@ -26,12 +27,12 @@ class AmclOptions:
     log-likelihoods are summed as if only `effective_beams` were independent. `kld_error` and `kld_quantile` (of the
     normal distribution) set how many particles are kept, between `least` and `most`. While the likelihood's average
     of the last 1 / `recovery_fast` updates is below `recovery_below` of that of the last 1 / `recovery_slow`,
-    particles are drawn anywhere; a rate of 0 turns that off.
+    particles are drawn anywhere, where the scan fits; a rate of 0 turns that off.
     """
 
     least: int = 300
     most: int = 2000
-    anywhere: int = 20000  # particles of a global start
+    anywhere: int = 20000  # particles of a global start, and poses tried in a recovery
     beams: int = 60
     max_range: float = 25.0
     effective_beams: float = 15.0
@@ -152,23 +153,16 @@ class Amcl:
         )
 
     def _weigh(self, scan: LaserScan, rng: np.random.Generator) -> AmclEstimate:
-        from grape.localization.amcl_kernels import log_weights
-
-        points = self._beams(scan)
-        spec, likelihood = self.field.spec, 0.0
+        points, likelihood = self._beams(scan), 0.0
         if len(points):
-            logs = log_weights(
-                self.field.log_likelihood, spec.x_min, spec.y_min, spec.resolution, self.field.outside,
-                np.ascontiguousarray(self.poses), points,
-            )  # fmt: skip
+            logs = self._log_weights(self.poses, points)
             likelihood = float(np.exp(logs) @ self.weights)
-            raised = np.minimum(self.options.effective_beams, len(points)) * logs
-            weights = self.weights * np.exp(raised - raised.max())
+            weights = self.weights * self._raised(logs, len(points))
             self.weights = weights / weights.sum()
         pose, covariance, share = self._heaviest()
         strangers = self._strangers(likelihood) if len(points) else 0.0
         if len(points):
-            self._resample(strangers, rng)
+            self._resample(strangers, points, rng)
         return AmclEstimate(
             pose=pose,
             covariance=covariance,
@@ -178,6 +172,20 @@ class Amcl:
             strangers=strangers,
             updated=True,
         )
+
+    def _log_weights(self, poses: Array, points: Array) -> Array:
+        from grape.localization.amcl_kernels import log_weights
+
+        spec, field = self.field.spec, self.field
+        return log_weights(
+            field.log_likelihood, spec.x_min, spec.y_min, spec.resolution, field.outside,
+            np.ascontiguousarray(poses), points,
+        )  # fmt: skip
+
+    def _raised(self, logs: Array, beams: int) -> Array:
+        """Likelihoods of scans, up to a factor, from mean log-likelihoods of their beams."""
+        raised = min(self.options.effective_beams, beams) * logs
+        return np.exp(raised - raised.max())
 
     def _beams(self, scan: LaserScan) -> Array:
         """Points (m, 2) in the robot's frame of `beams` beams, evenly chosen among those with a return."""
@@ -198,13 +206,19 @@ class Amcl:
         ratio = self._fast / max(self._slow * options.recovery_below, 1e-12)
         return float(np.clip(1.0 - ratio, 0.0, 0.5))
 
-    def _resample(self, strangers: float, rng: np.random.Generator) -> None:
+    def _draw_strangers(self, points: Array, rng: np.random.Generator) -> Array:
+        """Poses (most, 3) from anywhere that fit the scan."""
+        poses = self.field.free_poses(self.options.anywhere, rng)
+        weights = self._raised(self._log_weights(poses, points), len(points))
+        return poses[rng.choice(len(poses), size=self.options.most, p=weights / weights.sum())]
+
+    def _resample(self, strangers: float, points: Array, rng: np.random.Generator) -> None:
         from grape.localization.amcl_kernels import resample
 
         options = self.options
         cumulative = np.cumsum(self.weights)
         cumulative /= cumulative[-1]
-        others = self.field.free_poses(options.most, rng) if strangers > 0.0 else np.zeros((options.most, 3))
+        others = self._draw_strangers(points, rng) if strangers > 0.0 else np.zeros((options.most, 3))
         size = np.array([options.bin_way, options.bin_way, options.bin_turn])
         chosen = resample(
             np.ascontiguousarray(self.poses), cumulative, rng.random((options.most, 2)), others, strangers, size,

@@ -69,8 +69,8 @@ def read_carmen(path: Path, laser: str | None = None, max_range: float | None = 
         FileError: the file cannot be read, or lines of known messages are malformed (up to 20, each with its place).
     """
     try:
-        opened = gzip.open(path, "rt", encoding="latin-1") if path.suffix == ".gz" else path.open(encoding="latin-1")
-        with opened as stream:
+        unpack = gzip.open if path.suffix == ".gz" else open
+        with unpack(path, "rt", encoding="latin-1") as stream:
             return parse_carmen(stream, str(path), laser, max_range)
     except (OSError, EOFError) as error:
         text = getattr(error, "strerror", None) or error
