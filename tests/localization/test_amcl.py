@@ -1,4 +1,4 @@
-"""Monte Carlo localisation in a building: it follows, finds itself, recovers, repeats, and tells when it is not sure."""
+"""Monte Carlo localisation in a building: it follows, finds itself, recovers and repeats itself."""
 
 from __future__ import annotations
 
@@ -122,9 +122,7 @@ def test_weights_are_those_of_a_plain_loop(field: LikelihoodField) -> None:
     poses = rng.uniform([-1, -1, -3], [17, 11, 3], size=(20, 3))  # some outside the map
     points = rng.uniform(-6, 6, size=(15, 2))
     spec = field.spec
-    ours = log_weights(
-        field.log_likelihood, spec.x_min, spec.y_min, spec.resolution, field.outside, poses, points
-    )
+    ours = log_weights(field.log_likelihood, spec.x_min, spec.y_min, spec.resolution, field.outside, poses, points)
     for pose, ours_one in zip(poses, ours, strict=True):
         c, s = np.cos(pose[2]), np.sin(pose[2])
         ends = points @ np.array([[c, s], [-s, c]]) + pose[:2]
@@ -157,9 +155,7 @@ def test_resampling_follows_weights_and_stops_early_where_particles_are_close() 
 
 
 def test_motion_without_noise_is_the_step_and_backwards_is_no_turn() -> None:
-    still = OdometryNoise(
-        turn_by_turn=0, turn_by_way=0, way_by_way=0, way_by_turn=0, least_way=0, least_turn=0
-    )
+    still = OdometryNoise(turn_by_turn=0, turn_by_way=0, way_by_way=0, way_by_turn=0, least_way=0, least_turn=0)
     start = np.array([[1.0, 2.0, 0.5]])
     for step in ([0.3, 0.1, 0.2], [-0.3, 0.0, 0.0], [0.0, 0.0, 1.0]):
         c, s = np.cos(0.5), np.sin(0.5)

@@ -11,6 +11,7 @@ import pytest
 from grape.errors import FileError, InvalidInput
 from grape.mapping import between, chained, parse_carmen, read_carmen
 
+
 def flaser(t: float, laser: tuple[float, ...], robot: tuple[float, ...], ranges: tuple[float, ...] = (1, 2, 9)) -> str:
     numbers = " ".join(str(value) for value in (*ranges, *laser, *robot))
     return f"FLASER {len(ranges)} {numbers} {t} host {t}"
@@ -128,7 +129,7 @@ def test_problems_end_at_twenty() -> None:
 def test_what_a_log_lacks_is_said(tmp_path: Path) -> None:
     with pytest.raises(FileError, match="no scans of a laser"):
         parse_carmen([odom(0, (0, 0, 0))], "log")
-    with pytest.raises(FileError, match="no scans of RLASER.*there are: FLASER"):
+    with pytest.raises(FileError, match=r"no scans of RLASER.*there are: FLASER"):
         parse_carmen([flaser(0, (0, 0, 0), (0, 0, 0))], "log", laser="RLASER")
     with pytest.raises(InvalidInput, match="did you mean 'FLASER'"):
         parse_carmen([], "log", laser="FLASERR")

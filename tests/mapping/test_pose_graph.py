@@ -1,4 +1,4 @@
-"""Pose graphs: derivatives, a loop that closes, a wrong loop that is taken for wrong; planar poses and errors of ways."""
+"""Pose graphs: derivatives, a loop that closes, a loop that is taken for wrong; planar poses, errors of ways."""
 
 from __future__ import annotations
 

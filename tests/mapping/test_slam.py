@@ -43,9 +43,10 @@ def test_beams_end_where_walls_are() -> None:
 def test_a_scan_is_found_again_from_a_wrong_guess(house: OccupancyGrid) -> None:
     rng = np.random.default_rng(0)
     true = np.array([3.0, 1.3, 0.1])
-    scans = laser_scans(house, np.array([[2.0, 1.2, 0.0], [2.5, 1.2, 0.2], true]), rng)
-    seen = [transform_points(pose, scan_ends(scan, 20.0)) for pose, scan in zip(([2.0, 1.2, 0.0], [2.5, 1.2, 0.2]), scans[:2], strict=True)]
-    found = match(Reference(np.vstack(seen)), scan_ends(scans[2], 20.0), true + [0.25, -0.2, 0.15], 0.4, 0.25)
+    poses = np.array([[2.0, 1.2, 0.0], [2.5, 1.2, 0.2], true])
+    *before, last = (scan_ends(scan, 20.0) for scan in laser_scans(house, poses, rng))
+    seen = np.vstack([transform_points(pose, points) for pose, points in zip(poses, before, strict=False)])
+    found = match(Reference(seen), last, true + np.array([0.25, -0.2, 0.15]), 0.4, 0.25)
     assert np.hypot(*(found.pose - true)[:2]) < 0.03 and abs(found.pose[2] - true[2]) < 0.01
     assert found.inliers > 0.8 and np.linalg.eigvalsh(found.information).min() > 0
 
