@@ -101,4 +101,4 @@ def _restarted_odometry(messages: Sequence[Scan | Odom | TruePose]) -> Array | N
             result.append(pose)
             scan_pose = message.robot_pose
     # a running odometry has steps, not jumps; a corrected log jumps at nearly every scan
-    return np.array(result) if steps and jumps > 0.5 * len(result) else None
+    return np.array(result) if steps and jumps > 0.3 * len(result) else None

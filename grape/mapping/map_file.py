@@ -136,7 +136,7 @@ def load_map(path: Path) -> OccupancyGrid:
     pixels, alpha = _read_image(path.parent / data["image"], document)
     rows, columns = pixels.shape
     x, y, _ = data["origin"]
-    spec = GridSpec(x_min=x, y_min=y, rows=rows, columns=columns, resolution=float(data["resolution"]))
+    spec = GridSpec(x_min=float(x), y_min=float(y), rows=rows, columns=columns, resolution=float(data["resolution"]))
     return OccupancyGrid(spec=spec, occupancy=np.flipud(format.occupancy(pixels, alpha)))
 
 

@@ -1,7 +1,7 @@
 """Least squares over a graph of planar poses, with edges that may be wrong.
 
-Source: Grisetti et al., A tutorial on graph-based SLAM, IEEE ITS Magazine 2010; Agarwal et al., Robust map
-optimization using dynamic covariance scaling, ICRA 2013.
+Source: Grisetti et al., A tutorial on graph-based SLAM, IEEE ITS Magazine 2010; Yang et al., Graduated
+non-convexity for robust spatial perception, RA-L 2020 (doubtful edges, Geman-McClure).
 """
 
 from __future__ import annotations
@@ -39,10 +39,14 @@ class Edge:
 
 @dataclass(frozen=True, kw_only=True)
 class GraphOptions:
-    """`doubt`: chi-square above which a doubtful edge begins to count less; steps below `enough` (m, rad) end it."""
+    """`doubt`: chi-square at which a doubtful edge counts a quarter; steps below `enough` (m, rad) end it.
 
-    iterations: int = 20
-    doubt: float = 10.0
+    At first doubt is so large that every edge counts; it is halved with each step down to `doubt`, since before a loop
+    is closed right closures fit as badly as wrong ones.
+    """
+
+    iterations: int = 40
+    doubt: float = 30.0
     enough: float = 1e-4
 
 
@@ -69,22 +73,28 @@ def optimise(poses: Array, edges: Sequence[Edge], options: GraphOptions | None =
     z = np.array([e.relative for e in edges]).reshape(-1, 3)
     omega = np.array([e.information for e in edges]).reshape(-1, 3, 3)
     doubtful = np.array([e.doubtful for e in edges], bool)
+    doubt = 0.0
     for _ in range(options.iterations if len(edges) else 0):
         error, A, B = _linearised(x[first], x[second], z)
-        weighted = omega * _weights(error, omega, doubtful, options.doubt)[:, None, None] ** 2
+        chi = _chi_square(error, omega)
+        doubt = max(0.5 * doubt if doubt else 2.0 * float(chi[doubtful].max(initial=0.0)), options.doubt)
+        weighted = omega * _weights(chi, doubtful, doubt)[:, None, None]
         step = _step(len(x), first, second, error, A, B, weighted)
         x += step
-        if np.abs(step).max() < options.enough:
+        if doubt == options.doubt and np.abs(step).max() < options.enough:
             break
     x[:, 2] = wrap_angle(x[:, 2])
     error = between(z, between(x[first], x[second])) if len(edges) else np.zeros((0, 3))
-    chi = np.einsum("ni,nij,nj->n", error, omega, error)
-    return Solution(poses=x, chi_square=chi, weight=_weights(error, omega, doubtful, options.doubt))
+    chi = _chi_square(error, omega)
+    return Solution(poses=x, chi_square=chi, weight=_weights(chi, doubtful, options.doubt))
 
 
-def _weights(error: Array, omega: Array, doubtful: Array, doubt: float) -> Array:
-    chi = np.einsum("ni,nij,nj->n", error, omega, error)
-    return np.where(doubtful, np.minimum(1.0, 2.0 * doubt / (doubt + chi)), 1.0)
+def _chi_square(error: Array, omega: Array) -> Array:
+    return np.einsum("ni,nij,nj->n", error, omega, error)
+
+
+def _weights(chi: Array, doubtful: Array, doubt: float) -> Array:
+    return np.where(doubtful, (doubt / (doubt + chi)) ** 2, 1.0)
 
 
 def _linearised(xi: Array, xj: Array, z: Array) -> tuple[Array, Array, Array]:
@@ -118,4 +128,6 @@ def _step(n: int, first: Array, second: Array, error: Array, A: Array, B: Array,
     values, row, column = (np.concatenate(part).ravel() for part in (blocks, rows, columns))
     H = sparse.csc_matrix((values, (row, column)), shape=(3 * n, 3 * n)) + 1e-6 * sparse.identity(3 * n, format="csc")
     H = (H + sparse.csc_matrix((np.full(3, 1e9), (range(3), range(3))), shape=H.shape)).tocsc()
-    return splu(H).solve(-g.ravel()).reshape(n, 3)
+    step = splu(H).solve(-g.ravel()).reshape(n, 3)
+    step[0] = 0.0
+    return step

@@ -63,7 +63,7 @@ class SlamResult:
     @property
     def loops(self) -> int:
         """Loop closures that count."""
-        return sum(edge.doubtful and weight > 0.5 for edge, weight in zip(self.edges, self.weights, strict=True))
+        return sum(edge.doubtful and weight > 0.25 for edge, weight in zip(self.edges, self.weights, strict=True))
 
 
 def run_slam(

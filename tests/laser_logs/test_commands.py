@@ -21,7 +21,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rng = np.random.default_rng(5)
     true = way_round(ROUND, 0.3)
     path = tmp_path_factory.mktemp("logs") / "house.log"
-    path.write_text(carmen_text(laser_scans(building(), true, rng), drifting(true, rng), true))
+    path.write_text(carmen_text(laser_scans(building(), true, rng), drifting(true, rng, bias=0.02), true))
     return path
 
 

@@ -64,7 +64,7 @@ def test_a_wrong_loop_among_right_ones_counts_little() -> None:
     wrong = Edge(first=5, second=60, relative=np.array([0.5, 0.0, 0.2]), information=WEAK, doubtful=True)
     without = trajectory_error(optimise(drifted, [*edges, *right]).poses, true)
     solution = optimise(drifted, [*edges, *right, wrong])
-    assert solution.weight[-1] < 0.1 and solution.weight[len(edges) : -1].min() > 0.5
+    assert solution.weight[-1] < 0.1 and solution.weight[len(edges) : -1].min() > 0.25
     assert trajectory_error(solution.poses, true).position_rmse < 1.3 * without.position_rmse
 
 

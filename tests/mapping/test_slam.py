@@ -78,7 +78,6 @@ def test_a_map_from_true_poses_is_the_building(house: OccupancyGrid) -> None:
     drawn = grid_from_scans(scans, true)
     walls = house.spec.centres(np.argwhere(house.occupied()))
     free = np.argwhere(drawn.free())
-    assert house.at(drawn.spec.centres(free)).max() <= 100
     wrong = house.at(drawn.spec.centres(free)) == 100
     assert wrong.mean() < 0.02, "few walls are drawn as free"
     hits = drawn.spec.centres(np.argwhere(drawn.occupied()))
