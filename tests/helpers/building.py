@@ -17,7 +17,8 @@ CORNERS = np.array([[1.2, 1.2], [14.8, 1.2], [14.8, 8.8], [1.2, 8.8]])
 
 def building(resolution: float = 0.05) -> OccupancyGrid:
     """Outer walls of 16 x 10 m, an inner block of rooms with doors, and pillars that make the corridors differ."""
-    spec = GridSpec(x_min=0.0, y_min=0.0, columns=round(16 / resolution), rows=round(10 / resolution))
+    size = {"columns": round(16 / resolution), "rows": round(10 / resolution)}
+    spec = GridSpec(x_min=0.0, y_min=0.0, resolution=resolution, **size)
     walls = np.zeros((spec.rows, spec.columns), np.int8)
 
     def box(x0: float, y0: float, x1: float, y1: float, value: int = 100) -> None:
