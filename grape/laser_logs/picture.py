@@ -17,6 +17,13 @@ def write_picture(grid: OccupancyGrid, path: Array, file: Path, reference: Array
     """Write a PNG: the map in grey, the path (n, 3) in blue, the reference (n, 3) in green."""
     import cv2
 
+    cv2.imwrite(str(file), draw(grid, path, reference))
+
+
+def draw(grid: OccupancyGrid, path: Array, reference: Array | None = None) -> Array:
+    """The picture (rows, columns, 3) BGR that `write_picture` writes."""
+    import cv2
+
     known = grid.known()
     grey = np.where(known, 255 - 2.55 * np.maximum(grid.occupancy, 0).astype(float), 190).astype(np.uint8)
     picture = np.ascontiguousarray(np.dstack([grey] * 3))
@@ -29,4 +36,4 @@ def write_picture(grid: OccupancyGrid, path: Array, file: Path, reference: Array
     scale = LARGEST / max(picture.shape[:2])
     if scale < 1.0:
         picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    cv2.imwrite(str(file), np.ascontiguousarray(picture))
+    return np.ascontiguousarray(picture)

@@ -18,6 +18,8 @@ from grape.mapping.planar import between, compose
 from grape.mapping.scans import scan_ends
 from grape.messages import Array, LaserScan, frozen_array
 
+STRANGER_SPREADS = np.array([[0.15, 0.15, 0.06], [0.08, 0.08, 0.03], [0.04, 0.04, 0.015], [0.02, 0.02, 0.01]])  # m, rad
+
 
 @dataclass(frozen=True, kw_only=True)
 class AmclOptions:
@@ -27,12 +29,13 @@ class AmclOptions:
     log-likelihoods are summed as if only `effective_beams` were independent. `kld_error` and `kld_quantile` (of the
     normal distribution) set how many particles are kept, between `least` and `most`. While the likelihood's average
     of the last 1 / `recovery_fast` updates is below `recovery_below` of that of the last 1 / `recovery_slow`,
-    particles are drawn anywhere, where the scan fits; a rate of 0 turns that off.
+    particles are drawn anywhere, where the scan fits, and the slow average is `recovery_patience` as quick, so that
+    being lost does not become what is usual; a rate of 0 turns recovery off.
     """
 
     least: int = 300
     most: int = 2000
-    anywhere: int = 20000  # particles of a global start, and poses tried in a recovery
+    anywhere: int = 20000  # poses tried in a global start or a recovery
     beams: int = 60
     max_range: float = 25.0
     effective_beams: float = 15.0
@@ -45,6 +48,7 @@ class AmclOptions:
     recovery_slow: float = 0.02
     recovery_fast: float = 0.2
     recovery_below: float = 0.9
+    recovery_patience: float = 0.1
     cluster_way: float = 1.0  # around the heaviest place: what the estimate is made of
     cluster_turn: float = 0.5
     noise: OdometryNoise = field(default_factory=OdometryNoise)
@@ -63,7 +67,7 @@ class AmclEstimate:
         covariance: (3, 3) of that cluster.
         share: 0..1, weight of that cluster; far below 1 the place is ambiguous.
         particles: how many there are.
-        likelihood: geometric mean of the beams' likelihoods at this update, 0..1.
+        likelihood: geometric mean of the beams' likelihoods where the filter believes to be after this update, 0..1.
         strangers: share of particles that were drawn anywhere at this update.
         updated: whether the scan was used; else odometry alone moved the estimate.
     """
@@ -98,6 +102,7 @@ class Amcl:
         self._odometry: Array | None = None
         self._estimate: AmclEstimate | None = None
         self._slow = self._fast = 0.0
+        self._everywhere = False
 
     def start(self, pose: Array, covariance: Array, rng: np.random.Generator) -> None:
         """Begin around a pose (3,) with covariance (3, 3).
@@ -111,8 +116,9 @@ class Amcl:
         self._begin(rng.multivariate_normal(pose, covariance, size=self.options.most, method="eigh"))
 
     def start_anywhere(self, rng: np.random.Generator) -> None:
-        """Begin with particles all over the free cells."""
-        self._begin(self.field.free_poses(self.options.anywhere, rng))
+        """Begin all over the free cells; the first scan draws particles where it fits."""
+        self._begin(self.field.free_poses(self.options.most, rng))
+        self._everywhere = True
 
     def update(self, odometry: Array, scan: LaserScan, rng: np.random.Generator) -> AmclEstimate:
         """Take odometry (3,) x y yaw (any origin) and a scan of the same time.
@@ -136,8 +142,10 @@ class Amcl:
         return self._estimate
 
     def _begin(self, poses: Array) -> None:
+        poses[:, 2] = wrap_angle(poses[:, 2])
         self.poses, self.weights = poses, np.full(len(poses), 1.0 / len(poses))
         self._odometry, self._estimate, self._slow, self._fast = None, None, 0.0, 0.0
+        self._everywhere = False
 
     def _carried(self, step: Array) -> AmclEstimate:
         last = self._estimate
@@ -156,9 +164,9 @@ class Amcl:
         points, likelihood = self._beams(scan), 0.0
         if len(points):
             logs = self._log_weights(self.poses, points)
-            likelihood = float(np.exp(logs) @ self.weights)
             weights = self.weights * self._raised(logs, len(points))
             self.weights = weights / weights.sum()
+            likelihood = float(np.exp(logs) @ self.weights)
         pose, covariance, share = self._heaviest()
         strangers = self._strangers(likelihood) if len(points) else 0.0
         if len(points):
@@ -177,10 +185,7 @@ class Amcl:
         from grape.localization.amcl_kernels import log_weights
 
         spec, field = self.field.spec, self.field
-        return log_weights(
-            field.log_likelihood, spec.x_min, spec.y_min, spec.resolution, field.outside,
-            np.ascontiguousarray(poses), points,
-        )  # fmt: skip
+        return log_weights(field.bordered, spec.x_min, spec.y_min, spec.resolution, np.ascontiguousarray(poses), points)
 
     def _raised(self, logs: Array, beams: int) -> Array:
         """Likelihoods of scans, up to a factor, from mean log-likelihoods of their beams."""
@@ -197,20 +202,29 @@ class Amcl:
     def _strangers(self, likelihood: float) -> float:
         """Share of particles to draw anywhere, by the likelihood's slow and fast averages."""
         options = self.options
+        if self._everywhere:
+            self._everywhere = False
+            return 1.0
         if options.recovery_slow <= 0.0 or options.recovery_fast <= 0.0:
             return 0.0
         if self._slow == 0.0:
             self._slow = self._fast = likelihood
-        self._slow += options.recovery_slow * (likelihood - self._slow)
         self._fast += options.recovery_fast * (likelihood - self._fast)
         ratio = self._fast / max(self._slow * options.recovery_below, 1e-12)
+        patience = 1.0 if ratio >= 1.0 else options.recovery_patience
+        self._slow += patience * options.recovery_slow * (likelihood - self._slow)
         return float(np.clip(1.0 - ratio, 0.0, 0.5))
 
     def _draw_strangers(self, points: Array, rng: np.random.Generator) -> Array:
-        """Poses (most, 3) from anywhere that fit the scan."""
+        """Poses (most, 3) from anywhere that fit the scan: drawn evenly, then again and again around those that fit."""
         poses = self.field.free_poses(self.options.anywhere, rng)
-        weights = self._raised(self._log_weights(poses, points), len(points))
-        return poses[rng.choice(len(poses), size=self.options.most, p=weights / weights.sum())]
+        for spread in STRANGER_SPREADS:
+            weights = self._raised(self._log_weights(poses, points), len(points))
+            chosen = np.searchsorted(np.cumsum(weights) / weights.sum(), rng.random(self.options.most))
+            poses = poses[np.minimum(chosen, len(poses) - 1)]
+            poses = poses + spread * rng.standard_normal(poses.shape)
+        poses[:, 2] = wrap_angle(poses[:, 2])
+        return poses
 
     def _resample(self, strangers: float, points: Array, rng: np.random.Generator) -> None:
         from grape.localization.amcl_kernels import resample
@@ -218,36 +232,24 @@ class Amcl:
         options = self.options
         cumulative = np.cumsum(self.weights)
         cumulative /= cumulative[-1]
-        others = self._draw_strangers(points, rng) if strangers > 0.0 else np.zeros((options.most, 3))
+        others, strange = np.zeros((0, 3)), np.zeros(0, bool)
+        if strangers > 0.0:
+            others, strange = self._draw_strangers(points, rng), rng.random(options.most) < strangers
         size = np.array([options.bin_way, options.bin_way, options.bin_turn])
         chosen = resample(
-            np.ascontiguousarray(self.poses), cumulative, rng.random((options.most, 2)), others, strangers, size,
+            self.poses, cumulative, rng.random(options.most), others, strange, size,
             options.least, options.kld_error, options.kld_quantile,
         )  # fmt: skip
-        new = chosen < 0
-        self.poses = np.where(new[:, None], others[np.where(new, -1 - chosen, 0)], self.poses[np.where(new, 0, chosen)])
+        kept = self.poses[np.maximum(chosen, 0)]
+        if strangers > 0.0:
+            kept = np.where((chosen < 0)[:, None], others[np.maximum(-1 - chosen, 0)], kept)
+        self.poses = kept
         self.weights = np.full(len(chosen), 1.0 / len(chosen))
 
     def _heaviest(self) -> tuple[Array, Array, float]:
-        """Mean (3,), covariance (3, 3) and weight of the particles around the heaviest place."""
-        options, poses, weights = self.options, self.poses, self.weights
-        size = np.array([options.cluster_way, options.cluster_way, options.cluster_turn])
-        cells = np.floor(poses / size).astype(np.int64)
-        _, inverse = np.unique(cells, axis=0, return_inverse=True)
-        total = np.bincount(inverse.ravel(), weights)
-        mean = _mean(poses[inverse.ravel() == total.argmax()], weights[inverse.ravel() == total.argmax()])
-        for _ in range(2):
-            off = poses - mean
-            off[:, 2] = wrap_angle(off[:, 2])
-            near = (np.hypot(off[:, 0], off[:, 1]) < options.cluster_way) & (np.abs(off[:, 2]) < options.cluster_turn)
-            mean = _mean(poses[near], weights[near])
-        off = poses[near] - mean
-        off[:, 2] = wrap_angle(off[:, 2])
-        share = float(weights[near].sum())
-        return mean, (off * (weights[near] / share)[:, None]).T @ off, share
+        from grape.localization.amcl_kernels import heaviest
 
-
-def _mean(poses: Array, weights: Array) -> Array:
-    w = weights / weights.sum()
-    yaw = np.arctan2(w @ np.sin(poses[:, 2]), w @ np.cos(poses[:, 2]))
-    return np.array([w @ poses[:, 0], w @ poses[:, 1], yaw])
+        options = self.options
+        reach = np.array([options.cluster_way, options.cluster_way, options.cluster_turn])
+        mean, covariance, share = heaviest(self.poses, self.weights, reach)
+        return mean, covariance, float(share)

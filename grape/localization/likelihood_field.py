@@ -51,9 +51,14 @@ class LikelihoodField:
         distance = np.minimum(distance_transform_edt(~occupied) * grid.spec.resolution, self.options.reach)
         hit = self.options.hit
         field = np.log(hit * np.exp(-0.5 * (distance / self.options.sigma) ** 2) + (1.0 - hit))
-        self.log_likelihood = frozen_array(field, np.float32)  # (rows, columns)
         self.outside = float(np.log(1.0 - hit))
+        self.bordered = frozen_array(np.pad(field, 1, constant_values=self.outside), np.float32)
         self._free_cells = np.argwhere(free)
+
+    @property
+    def log_likelihood(self) -> Array:
+        """(rows, columns) of the cells; `bordered` has one cell more on each side, which holds beyond the map."""
+        return self.bordered[1:-1, 1:-1]
 
     def free_poses(self, count: int, rng: np.random.Generator) -> Array:
         """Poses (count, 3) x y yaw drawn evenly from the free cells."""

@@ -33,20 +33,16 @@ class OdometryNoise:
 
 def moved(poses: Array, step: Array, noise: OdometryNoise, rng: np.random.Generator) -> Array:
     """Poses (n, 3) after a step (3,) x y yaw of odometry in the robot's own axes, each with its own error."""
+    from grape.localization.amcl_kernels import move
+
     way = float(np.hypot(step[0], step[1]))
     heading = float(np.arctan2(step[1], step[0])) if way > 0.01 else 0.0
     rest = float(wrap_angle(step[2] - heading))
     bend, unbend = _least_turn(heading), _least_turn(rest)  # driving backwards is no turn
-    random = rng.standard_normal((3, len(poses)))
-    turn_std = np.sqrt(noise.turn_by_turn * np.array([bend, unbend]) ** 2 + noise.turn_by_way * way**2)
-    way_std = np.sqrt(noise.way_by_way * way**2 + noise.way_by_turn * (bend**2 + unbend**2))
-    first = heading + turn_std[0] * random[0]
-    driven = way + (way_std + noise.least_way) * random[1]
-    second = rest + (turn_std[1] + noise.least_turn) * random[2]
-    yaw = poses[:, 2] + first
-    return np.column_stack(
-        [poses[:, 0] + driven * np.cos(yaw), poses[:, 1] + driven * np.sin(yaw), wrap_angle(yaw + second)]
-    )
+    first, second = np.sqrt(noise.turn_by_turn * np.array([bend, unbend]) ** 2 + noise.turn_by_way * way**2)
+    along = np.sqrt(noise.way_by_way * way**2 + noise.way_by_turn * (bend**2 + unbend**2))
+    std = np.array([first, along + noise.least_way, second + noise.least_turn])
+    return move(poses, np.array([heading, way, rest]), std, rng.standard_normal((3, len(poses))))
 
 
 def _least_turn(angle: float) -> float:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from grape.experiments.laser_worlds import BEAMS, MAX_RANGE, drifting, laser_scans
 from grape.mapping.occupancy import OccupancyGrid
-from grape.mapping.planar import between, chained, compose
-from grape.mapping.scans import predicted_ranges
 from grape.messages import Array, LaserScan
 from grape.navigation.grid import GridSpec
 
-BEAMS = np.radians(np.arange(-90.0, 91.0, 1.0))
-MAX_RANGE = 20.0
+__all__ = ["BEAMS", "MAX_RANGE", "building", "carmen_text", "drifting", "laser_scans", "way_round"]
 CORNERS = np.array([[1.2, 1.2], [14.8, 1.2], [14.8, 8.8], [1.2, 8.8]])
 
 
@@ -50,30 +48,6 @@ def way_round(rounds: float = 1.2, step: float = 0.2) -> Array:
         poses += [np.array([*(start + (end - start) * s / length), yaw]) for s in along]
         driven, side = driven + length, side + 1
     return np.array(poses)
-
-
-def drifting(poses: Array, rng: np.random.Generator, noise: float = 0.03, bias: float = 0.004) -> Array:
-    """Odometry (n, 3) of the poses: each step's length and turn are off by `noise`, and it turns by `bias` a step."""
-    steps = between(poses[:-1], poses[1:])
-    steps[:, :2] *= 1.0 + noise * rng.standard_normal((len(steps), 1))
-    steps[:, 2] = steps[:, 2] * (1.0 + noise * rng.standard_normal(len(steps))) + bias
-    return chained(steps, poses[0])
-
-
-def laser_scans(
-    grid: OccupancyGrid, poses: Array, rng: np.random.Generator, noise: float = 0.01, mount: Array | None = None
-) -> list[LaserScan]:
-    """Scans of 181 beams over 180 degrees, one a second."""
-    sensors = poses if mount is None else compose(poses, mount)
-    ranges = predicted_ranges(grid, sensors, BEAMS, MAX_RANGE)
-    ranges = np.maximum(ranges + noise * rng.standard_normal(ranges.shape), 0.01)
-    return [
-        LaserScan(
-            stamp=float(k), angle_min=float(BEAMS[0]), angle_increment=float(np.radians(1.0)),
-            range_min=0.0, range_max=MAX_RANGE, ranges=row,
-        )
-        for k, row in enumerate(ranges)
-    ]  # fmt: skip
 
 
 def carmen_text(scans: list[LaserScan], odometry: Array, corrected: Array | None = None) -> str:

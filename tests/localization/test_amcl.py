@@ -8,7 +8,7 @@ from building import building, drifting, laser_scans, way_round
 
 from grape.errors import InvalidInput
 from grape.localization import Amcl, AmclEstimate, AmclOptions, LikelihoodField, OdometryNoise
-from grape.localization.amcl_kernels import kld_bound, log_weights, resample
+from grape.localization.amcl_kernels import heaviest, kld_bound, log_weights, resample
 from grape.localization.motion import moved
 from grape.mapping import OccupancyGrid
 from grape.messages import Array
@@ -54,7 +54,6 @@ def test_it_finds_itself_anywhere(field: LikelihoodField, drive: tuple) -> None:
     true = drive[0]
     amcl, rng = Amcl(field), np.random.default_rng(3)
     amcl.start_anywhere(rng)
-    assert len(amcl.poses) == AmclOptions().anywhere
     estimates = follow(amcl, drive, rng)
     assert off(estimates[-1], true[-1]) < 0.2 and estimates[-1].share > 0.9
 
@@ -122,7 +121,7 @@ def test_weights_are_those_of_a_plain_loop(field: LikelihoodField) -> None:
     poses = rng.uniform([-1, -1, -3], [17, 11, 3], size=(20, 3))  # some outside the map
     points = rng.uniform(-6, 6, size=(15, 2))
     spec = field.spec
-    ours = log_weights(field.log_likelihood, spec.x_min, spec.y_min, spec.resolution, field.outside, poses, points)
+    ours = log_weights(field.bordered, spec.x_min, spec.y_min, spec.resolution, poses, points)
     for pose, ours_one in zip(poses, ours, strict=True):
         c, s = np.cos(pose[2]), np.sin(pose[2])
         ends = points @ np.array([[c, s], [-s, c]]) + pose[:2]
@@ -143,15 +142,32 @@ def test_resampling_follows_weights_and_stops_early_where_particles_are_close() 
     rng = np.random.default_rng(0)
     poses = np.array([[0.0, 0, 0], [5.0, 0, 0]])
     size, nobody = np.array([0.25, 0.25, 0.2]), np.zeros((4000, 3))
-    uniforms = rng.random((4000, 2))
-    chosen = resample(poses, np.array([0.25, 1.0]), uniforms, nobody, 0.0, size, 1000, 0.05, 2.3)
+    uniforms, never = rng.random(4000), np.zeros(0, bool)
+    chosen = resample(poses, np.array([0.25, 1.0]), uniforms, nobody, never, size, 1000, 0.05, 2.3)
     assert len(chosen) == 1000, "two bins need few particles"
     assert (chosen == 1).mean() == pytest.approx(0.75, abs=0.05)
     spread = rng.uniform(-50, 50, (4000, 3))
     even = np.linspace(1 / 4000, 1.0, 4000)
-    assert len(resample(spread, even, uniforms, nobody, 0.0, size, 10, 0.05, 2.3)) == 4000
-    strangers = resample(poses, np.array([0.25, 1.0]), uniforms, spread, 0.3, size, 4000, 0.05, 2.3)
-    assert (strangers < 0).mean() == pytest.approx(0.3, abs=0.05)
+    spread[:, 2] = rng.uniform(-np.pi, np.pi, 4000)
+    assert len(resample(spread, even, uniforms, nobody, never, size, 10, 0.05, 2.3)) == 4000
+    strange = rng.random(4000) < 0.3
+    mixed = resample(poses, np.array([0.25, 1.0]), uniforms, spread, strange, size, 4000, 0.05, 2.3)
+    assert (np.flatnonzero(mixed < 0) == np.flatnonzero(strange)).all()
+    assert (mixed[strange] == -1 - np.flatnonzero(strange)).all(), "each stranger once"
+
+
+def test_the_estimate_is_the_heaviest_cluster_also_across_pi() -> None:
+    rng = np.random.default_rng(1)
+    heavy = np.column_stack([rng.normal([3.0, -2.0], 0.1, (300, 2)), np.pi + rng.normal(0.0, 0.05, 300)])
+    light = np.column_stack([rng.normal([9.0, 4.0], 0.1, (300, 2)), rng.normal(0.0, 0.05, 300)])
+    poses = np.vstack([light, heavy])
+    poses[:, 2] = (poses[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    weights = np.r_[np.full(300, 0.3), np.full(300, 0.7)] / 300
+    mean, covariance, share = heaviest(poses, weights, np.array([1.0, 1.0, 0.5]))
+    expected = heavy.mean(axis=0) - [0.0, 0.0, 2 * np.pi * (heavy[:, 2].mean() > np.pi)]
+    np.testing.assert_allclose(mean, expected, atol=1e-9)
+    np.testing.assert_allclose(covariance, np.cov(heavy.T, bias=True), atol=1e-9)
+    assert share == pytest.approx(0.7)
 
 
 def test_motion_without_noise_is_the_step_and_backwards_is_no_turn() -> None:
