@@ -32,8 +32,6 @@ def draw(grid: OccupancyGrid, path: Array, reference: Array | None = None) -> Ar
             places = (poses[:, :2] - grid.spec.origin) / grid.spec.resolution
             line = np.rint(places).astype(np.int32).reshape(-1, 1, 2)
             cv2.polylines(picture, [line], False, colour, 1, cv2.LINE_AA)
-    picture = np.flipud(picture)
-    scale = LARGEST / max(picture.shape[:2])
-    if scale < 1.0:
-        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return np.ascontiguousarray(picture)
+    upright: Array = np.ascontiguousarray(np.flipud(picture))
+    scale = LARGEST / max(upright.shape[:2])
+    return upright if scale >= 1.0 else cv2.resize(upright, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -30,7 +30,8 @@ class AmclOptions:
     normal distribution) set how many particles are kept, between `least` and `most`. While the likelihood's average
     of the last 1 / `recovery_fast` updates is below `recovery_below` of that of the last 1 / `recovery_slow`,
     particles are drawn anywhere, where the scan fits, and the slow average is `recovery_patience` as quick, so that
-    being lost does not become what is usual; a rate of 0 turns recovery off.
+    being lost does not become what is usual. It ends at once when nothing fits `recovery_better` times as well: then
+    the place has changed, or shows little. A rate of 0 turns recovery off.
     """
 
     least: int = 300
@@ -49,6 +50,7 @@ class AmclOptions:
     recovery_fast: float = 0.2
     recovery_below: float = 0.9
     recovery_patience: float = 0.1
+    recovery_better: float = 1.1
     cluster_way: float = 1.0  # around the heaviest place: what the estimate is made of
     cluster_turn: float = 0.5
     noise: OdometryNoise = field(default_factory=OdometryNoise)
@@ -168,9 +170,13 @@ class Amcl:
             self.weights = weights / weights.sum()
             likelihood = float(np.exp(logs) @ self.weights)
         pose, covariance, share = self._heaviest()
-        strangers = self._strangers(likelihood) if len(points) else 0.0
+        strangers, others = self._strangers(likelihood) if len(points) else 0.0, np.zeros((0, 3))
+        if strangers > 0.0:
+            others, fit = self._draw_strangers(points, rng)
+            if strangers < 1.0 and fit < self.options.recovery_better * likelihood:
+                strangers, self._slow = 0.0, self._fast
         if len(points):
-            self._resample(strangers, points, rng)
+            self._resample(strangers, others, rng)
         return AmclEstimate(
             pose=pose,
             covariance=covariance,
@@ -215,8 +221,8 @@ class Amcl:
         self._slow += patience * options.recovery_slow * (likelihood - self._slow)
         return float(np.clip(1.0 - ratio, 0.0, 0.5))
 
-    def _draw_strangers(self, points: Array, rng: np.random.Generator) -> Array:
-        """Poses (most, 3) from anywhere that fit the scan: drawn evenly, then again and again around those that fit."""
+    def _draw_strangers(self, points: Array, rng: np.random.Generator) -> tuple[Array, float]:
+        """Poses (most, 3) from anywhere that fit the scan, drawn evenly, then around the best; and their likelihood."""
         poses = self.field.free_poses(self.options.anywhere, rng)
         for spread in STRANGER_SPREADS:
             weights = self._raised(self._log_weights(poses, points), len(points))
@@ -224,17 +230,17 @@ class Amcl:
             poses = poses[np.minimum(chosen, len(poses) - 1)]
             poses = poses + spread * rng.standard_normal(poses.shape)
         poses[:, 2] = wrap_angle(poses[:, 2])
-        return poses
+        logs = self._log_weights(poses, points)
+        weights = self._raised(logs, len(points))
+        return poses, float(np.exp(logs) @ weights / weights.sum())
 
-    def _resample(self, strangers: float, points: Array, rng: np.random.Generator) -> None:
+    def _resample(self, strangers: float, others: Array, rng: np.random.Generator) -> None:
         from grape.localization.amcl_kernels import resample
 
         options = self.options
         cumulative = np.cumsum(self.weights)
         cumulative /= cumulative[-1]
-        others, strange = np.zeros((0, 3)), np.zeros(0, bool)
-        if strangers > 0.0:
-            others, strange = self._draw_strangers(points, rng), rng.random(options.most) < strangers
+        strange = rng.random(options.most) < strangers if strangers > 0.0 else np.zeros(0, bool)
         size = np.array([options.bin_way, options.bin_way, options.bin_turn])
         chosen = resample(
             self.poses, cumulative, rng.random(options.most), others, strange, size,

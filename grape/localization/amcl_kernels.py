@@ -95,7 +95,7 @@ def slot_of(table: Array, x: float, y: float, yaw: float, bin_size: Array) -> tu
     slot = (key * 2654435761 >> 7) & (table.size - 1)
     while table[slot] != -1 and table[slot] != key:
         slot = (slot + 1) & (table.size - 1)
-    new = table[slot] == -1
+    new = bool(table[slot] == -1)
     table[slot] = key
     return slot, new
 

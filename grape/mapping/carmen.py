@@ -93,8 +93,8 @@ def parse_carmen(
         try:
             message = parse_line(line)
         except LineProblem as problem:
-            place = {"file": file, "line": number, "column": problem.column, "path": problem.word}
-            problems.append(Problem(**place, got=problem.got, allowed=problem.allowed))
+            known = {"path": problem.word, "got": problem.got, "allowed": problem.allowed}
+            problems.append(Problem(file=file, line=number, column=problem.column, **known))
             if len(problems) == MOST_PROBLEMS:
                 break
             continue

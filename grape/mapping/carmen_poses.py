@@ -3,8 +3,8 @@
 1. Laser pose and robot pose of the scans differ by more than the laser's mount: the first is the corrected one.
 2. They are the same and ODOM lines restart at the pose of each scan: the scans are corrected (as Gmapping writes
    logs), and odometry is the chain of steps between the ODOM lines.
-3. They are the same and ODOM lines run through: the scans have odometry, and nothing is corrected, unless there are
-   TRUEPOS lines.
+3. They are the same and ODOM lines run through, or only repeat them: the scans have odometry, and nothing is
+   corrected, unless there are TRUEPOS lines.
 """
 
 from __future__ import annotations
@@ -100,5 +100,5 @@ def _restarted_odometry(messages: Sequence[Scan | Odom | TruePose]) -> Array | N
                 pose, last = np.array(message.robot_pose), message.robot_pose
             result.append(pose)
             scan_pose = message.robot_pose
-    # a running odometry has steps, not jumps; a corrected log jumps at nearly every scan
-    return np.array(result) if steps and jumps > 0.3 * len(result) else None
+    # a running odometry has steps, not jumps; a corrected log jumps at nearly every scan, and steps in between
+    return np.array(result) if steps > 0.5 * len(result) and jumps > 0.3 * len(result) else None

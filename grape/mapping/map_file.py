@@ -158,7 +158,7 @@ def _problems(document: Document) -> list[Problem]:
     require("resolution", _is_number(resolution) and 0.0 < float(resolution or 0) < 100.0, "metres a pixel, above 0")
     triple = isinstance(origin, list) and len(origin) == 3 and all(_is_number(value) for value in origin)
     require("origin", triple, "[x, y, yaw] of the lower left pixel, in metres and radians")
-    if triple and abs(origin[2]) > 1e-9:
+    if isinstance(origin, list) and triple and abs(origin[2]) > 1e-9:
         found.append(document.problem(("origin", 2), f"yaw {origin[2]}", "0: a turned map is not supported"))
     require("negate", data.get("negate") in (0, 1), "0 or 1")
     require("mode", data.get("mode") in MODES, ", ".join(MODES))

@@ -81,6 +81,15 @@ def test_odometry_that_restarts_at_scans_is_chained() -> None:
     np.testing.assert_allclose(between(log.odometry[:-1], log.odometry[1:]), steps, atol=1e-9)
 
 
+def test_scans_whose_odometry_is_not_in_the_log_have_their_own_poses_alone() -> None:
+    """Each ODOM line repeats the pose of the scan before: nothing was driven between them."""
+    poses = [(0.0, 0.0, 0.0), (1.1, 0.05, 0.25), (1.5, 0.3, 0.1), (2.2, 0.4, 0.12)]
+    lines = [line for k, pose in enumerate(poses) for line in (flaser(k, pose, pose), odom(k, pose))]
+    log = parse_carmen(lines, "log")
+    assert log.corrected is None
+    np.testing.assert_allclose(log.odometry, poses)
+
+
 def test_running_odometry_is_not_taken_for_a_correction() -> None:
     lines = []
     for k in range(6):
