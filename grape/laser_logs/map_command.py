@@ -53,7 +53,8 @@ def map_command(
     write_picture(grid, path, folder / "map.png", log.corrected if log.corrected is None else aligned(log, path))
     write_path(folder / "path.csv", log.stamps, path)
     result = {"schema": SCHEMA, "log": str(log_file), "laser": log.laser, "scans": len(log.scans), "poses": poses}
-    result |= {**figures, "errors": errors_of(log, path), "odometry_errors": errors_of(log, log.odometry)}
+    result |= {**figures, "occupied_cells": int(grid.occupied().sum())}
+    result |= {"errors": errors_of(log, path), "odometry_errors": errors_of(log, log.odometry)}
     write_atomic(folder / "map.json", json.dumps(result, indent=2, allow_nan=False) + "\n")
     tell_errors(console, result)
     console.print(

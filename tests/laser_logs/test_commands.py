@@ -42,7 +42,7 @@ def test_a_log_becomes_a_map(
     assert result["schema"] == "grape.map/1" and result["errors"]["position_rmse"] < 0.1
     assert result["errors"]["position_rmse"] < result["odometry_errors"]["position_rmse"]
     assert "with corrected poses" in out and "root mean square" in out
-    assert load_map(tmp_path / "m" / "map.yaml").occupied().sum() > 100
+    assert load_map(tmp_path / "m" / "map.yaml").occupied().sum() == result["occupied_cells"] > 100
     assert (tmp_path / "m" / "map.png").stat().st_size > 0
     lines = (tmp_path / "m" / "path.csv").read_text().splitlines()
     assert lines[0] == "t,x,y,yaw" and len(lines) == 1 + result["scans"]
