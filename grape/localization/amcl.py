@@ -18,7 +18,8 @@ from grape.mapping.planar import between, compose
 from grape.mapping.scans import scan_ends
 from grape.messages import Array, LaserScan, frozen_array
 
-STRANGER_SPREADS = np.array([[0.15, 0.15, 0.06], [0.08, 0.08, 0.03], [0.04, 0.04, 0.015], [0.02, 0.02, 0.01]])  # m, rad
+MILD = 0.3  # of the weight by which places to climb from are chosen
+CLIMBS = np.geomspace(1.0, 0.1, 10)[:, None] * np.array([0.2, 0.2, 0.08])  # m, m, rad: spread of each try
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +32,8 @@ class AmclOptions:
     of the last 1 / `recovery_fast` updates is below `recovery_below` of that of the last 1 / `recovery_slow`,
     particles are drawn anywhere, where the scan fits, and the slow average is `recovery_patience` as quick, so that
     being lost does not become what is usual. It ends at once when nothing fits `recovery_better` times as well: then
-    the place has changed, or shows little. A rate of 0 turns recovery off.
+    the place has changed. A scan that fits nowhere as well as is usual says little, and moves nobody. A rate of 0 turns
+    recovery off.
     """
 
     least: int = 300
@@ -170,13 +172,12 @@ class Amcl:
             self.weights = weights / weights.sum()
             likelihood = float(np.exp(logs) @ self.weights)
         pose, covariance, share = self._heaviest()
-        strangers, others = self._strangers(likelihood) if len(points) else 0.0, np.zeros((0, 3))
-        if strangers > 0.0:
-            others, fit = self._draw_strangers(points, rng)
-            if strangers < 1.0 and fit < self.options.recovery_better * likelihood:
-                strangers, self._slow = 0.0, self._fast
+        strangers = 0.0
         if len(points):
+            strangers, others = self._recovery(likelihood, points, rng)
             self._resample(strangers, others, rng)
+        if strangers == 1.0:
+            pose, covariance, share = self._heaviest()
         return AmclEstimate(
             pose=pose,
             covariance=covariance,
@@ -221,18 +222,43 @@ class Amcl:
         self._slow += patience * options.recovery_slow * (likelihood - self._slow)
         return float(np.clip(1.0 - ratio, 0.0, 0.5))
 
+    def _recovery(self, likelihood: float, points: Array, rng: np.random.Generator) -> tuple[float, Array]:
+        """Share of particles to draw anywhere, and poses (most, 3) to take, or (0, 3)."""
+        nobody = np.zeros((0, 3))
+        strangers = self._strangers(likelihood)
+        if strangers == 0.0:
+            return 0.0, nobody
+        others, fit = self._draw_strangers(points, rng)
+        if strangers < 1.0 and fit < self.options.recovery_better * likelihood:
+            self._slow = self._fast
+            return 0.0, nobody
+        if strangers < 1.0 and fit < self.options.recovery_below * self._slow:
+            return 0.0, nobody
+        return strangers, others
+
     def _draw_strangers(self, points: Array, rng: np.random.Generator) -> tuple[Array, float]:
-        """Poses (most, 3) from anywhere that fit the scan, drawn evenly, then around the best; and their likelihood."""
+        """Poses (most, 3) from anywhere that fit the scan, and their mean likelihood.
+
+        1. Draw evenly, and keep a part by a mild weight, so that many places stay. 2. Let each climb by itself. 3. Draw
+        by the full weight.
+        """
         poses = self.field.free_poses(self.options.anywhere, rng)
-        for spread in STRANGER_SPREADS:
-            weights = self._raised(self._log_weights(poses, points), len(points))
-            chosen = np.searchsorted(np.cumsum(weights) / weights.sum(), rng.random(self.options.most))
-            poses = poses[np.minimum(chosen, len(poses) - 1)]
-            poses = poses + spread * rng.standard_normal(poses.shape)
-        poses[:, 2] = wrap_angle(poses[:, 2])
         logs = self._log_weights(poses, points)
-        weights = self._raised(logs, len(points))
-        return poses, float(np.exp(logs) @ weights / weights.sum())
+        kept = self._drawn(MILD * logs, len(points), rng)
+        poses, logs = poses[kept], logs[kept]
+        for spread in CLIMBS:
+            tried = poses + spread * rng.standard_normal(poses.shape)
+            found = self._log_weights(tried, points)
+            better = found > logs
+            poses[better], logs[better] = tried[better], found[better]
+        kept = self._drawn(logs, len(points), rng)
+        poses[:, 2] = wrap_angle(poses[:, 2])
+        return poses[kept], float(np.exp(logs[kept]).mean())
+
+    def _drawn(self, logs: Array, beams: int, rng: np.random.Generator) -> Array:
+        """Indices (most,) drawn by mean log-likelihoods (n,) of beams."""
+        total = np.cumsum(self._raised(logs, beams))
+        return np.minimum(np.searchsorted(total / total[-1], rng.random(self.options.most)), len(logs) - 1)
 
     def _resample(self, strangers: float, others: Array, rng: np.random.Generator) -> None:
         from grape.localization.amcl_kernels import resample
