@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from building import building, drifting, laser_scans, way_round
@@ -182,3 +184,26 @@ def test_motion_without_noise_is_the_step_and_backwards_is_no_turn() -> None:
     turning = OdometryNoise(turn_by_way=0.0, least_turn=0.0)
     back = moved(many, np.array([-1.0, 0.0, 0.0]), turning, np.random.default_rng(0))
     assert np.abs(np.abs(back[:, 1])).max() < 1e-9, "a straight way back has no turn to be wrong about"
+
+
+def test_a_scan_of_weeds_alone_moves_nobody(field: LikelihoodField, drive: tuple) -> None:
+    """Nothing on the map fits what is seen, so the robot is not looked for elsewhere."""
+    true, _, scans = drive
+    amcl, rng = Amcl(field), np.random.default_rng(4)
+    amcl.start(true[0], START_COVARIANCE, rng)
+    for k in range(12):
+        amcl.update(true[k], scans[k], rng)
+    weeds = [replace(scans[k], ranges=rng.uniform(0.3, 3.0, 181)) for k in range(12, 20)]
+    estimates = [amcl.update(true[12 + k], scan, rng) for k, scan in enumerate(weeds)]
+    assert min(estimate.likelihood for estimate in estimates) < 0.4
+    assert all(estimate.strangers == 0.0 for estimate in estimates)
+    assert off(estimates[-1], true[19]) < 1.5
+
+
+def test_a_start_anywhere_is_unsure_or_right_from_the_first_scan(field: LikelihoodField, drive: tuple) -> None:
+    for seed in range(4):
+        amcl, rng = Amcl(field), np.random.default_rng(seed)
+        amcl.start_anywhere(rng)
+        first = amcl.update(np.zeros(3), drive[2][0], rng)
+        assert first.strangers == 1.0 and first.likelihood < 0.9
+        assert first.share < 0.9 or off(first, drive[0][0]) < 0.3
