@@ -26,13 +26,13 @@ from grape.proving.show import live_progress
 
 SCHEMA = "grape.localize/1"
 ANYWHERE = "anywhere"
-SURE = 0.9  # weight of the heaviest cluster
+SURE, IN_A_ROW = 0.9, 10  # weight of the heaviest cluster, at so many scans: a first guess may be sure and wrong
 START_STD = np.array([0.3, 0.3, 0.2])
 
 
 @dataclass(frozen=True, kw_only=True)
 class Localisation:
-    """Estimates at each scan, and the scan (index) from which the filter is sure of one place, or None."""
+    """Estimates at each scan, and the scan (index) that is the last of the first `IN_A_ROW` sure ones, or None."""
 
     estimates: tuple[AmclEstimate, ...]
     settled: int | None
@@ -83,11 +83,12 @@ def localize_log(
 ) -> Localisation:
     """Run a started filter over a log."""
     estimates: list[AmclEstimate] = []
-    settled = None
+    settled, sure = None, 0
     for k, (scan, odometry) in enumerate(zip(log.scans, log.odometry, strict=True)):
         estimate = amcl.update(odometry, scan, rng)
         estimates.append(estimate)
-        if settled is None and estimate.share >= SURE:
+        sure = sure + 1 if estimate.share >= SURE else 0
+        if settled is None and sure == IN_A_ROW:
             settled = k
         on_progress(k / len(log.scans), f"scan {k + 1} of {len(log.scans)}, {estimate.particles} particles")
     return Localisation(estimates=tuple(estimates), settled=settled)
