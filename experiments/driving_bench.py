@@ -14,7 +14,17 @@ from pathlib import Path as FilePath
 import numpy as np
 
 from grape.errors import ActionFailed, InvalidInput
-from grape.experiments.driving_yard import T_BASE_LASER, Base, Goal, Yard, gap_to_circles, in_fence, misses, scan_of, yard
+from grape.experiments.driving_yard import (
+    T_BASE_LASER,
+    Base,
+    Goal,
+    Yard,
+    gap_to_circles,
+    in_fence,
+    misses,
+    scan_of,
+    yard,
+)
 from grape.geometry import pose as make_pose
 from grape.geometry import rotation_z
 from grape.messages import Array

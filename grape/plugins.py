@@ -1,4 +1,6 @@
-"""What can be plugged in: tasks, robots, worlds, experiments and benches, built in or of installed packages.
+"""What can be plugged in: tasks, robots, worlds, experiments, benches, costmap layers, planners.
+
+They are built in or of installed packages.
 
 A package adds its own through entry points, without grape knowing it:
 
@@ -23,6 +25,7 @@ from grape.proof import Bench, Experiment
 
 TASKS, ROBOTS, WORLDS = "grape.tasks", "grape.robots", "grape.worlds"
 EXPERIMENTS, BENCHES = "grape.experiments", "grape.benches"
+LAYERS, LOCAL_PLANNERS = "grape.costmap_layers", "grape.local_planners"
 
 BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
@@ -44,6 +47,20 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "K1": "grape.experiments.kill_resume:EXPERIMENT",
         },
         BENCHES: {"manipulation": "grape.experiments.bench_manipulation:BENCH"},
+        LAYERS: {
+            "static": "grape.navigation.layers:StaticLayer",
+            "obstacles": "grape.navigation.costmap:ObstacleLayer",
+            "polygons": "grape.navigation.costmap:PolygonLayer",
+            "denoise": "grape.navigation.layers:DenoiseLayer",
+            "footprint": "grape.navigation.layers:FootprintLayer",
+            "inflation": "grape.navigation.layers:InflationLayer",
+        },
+        LOCAL_PLANNERS: {
+            "pure_pursuit": "grape.navigation.follower:PurePursuit",
+            "dwa": "grape.navigation.dwa:Dwa",
+            "teb": "grape.navigation.teb:Teb",
+            "mppi": "grape.navigation.mppi:Mppi",
+        },
     }
 )
 

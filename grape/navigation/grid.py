@@ -166,3 +166,15 @@ class Costmap:
             footprint.rear,
             footprint.half_width,
         )
+
+    def footprint_cost(self, poses: Array, footprint: Footprint) -> Array:
+        """(n,) uint8, the worst cost under the footprint at poses (n, 3): lethal before unknown before the others.
+
+        The inscribed cost holds for centres, so it means nothing special here.
+        """
+        from grape.navigation.grid_kernels import footprint_worst
+
+        poses = np.ascontiguousarray(np.atleast_2d(poses), dtype=float)
+        spec, own = self.spec, footprint
+        size = (own.front, own.rear, own.half_width)
+        return footprint_worst(self.cost, spec.x_min, spec.y_min, spec.resolution, poses, *size)

@@ -82,7 +82,7 @@ class Teb(TrackingPlanner):
             [o.nonholonomic, o.velocity, o.acceleration, o.time, o.obstacle, o.margin, o.path, o.heading, o.backwards]
         )
         return optimise(
-            band,
+            np.ascontiguousarray(band),
             iterations,
             situation.velocity,
             limits,

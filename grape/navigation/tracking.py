@@ -105,15 +105,17 @@ class TrackingPlanner(PurePursuit):
         )
 
     def _ahead(self, path: Path, since: float, until: float, turned: float) -> Array:
-        """The piece of path ahead with the speeds that goal and bends allow; it goes on a little beyond the goal."""
+        """The piece of path ahead, at most to the goal, with the speeds that goal and bends allow."""
         options = self.options
-        along = np.arange(since, min(until, path.length + 0.5) + 0.025, 0.05)
-        poses = np.array([path.at(s) for s in along])
-        poses[:, 2] = wrap_angle(poses[:, 2] + turned)
+        along = np.arange(since, min(until, path.length) + 0.025, 0.05)
+        k = np.clip(np.searchsorted(path.distance, along, side="right") - 1, 0, len(path.poses) - 2)
+        share = (along - path.distance[k]) / (path.distance[k + 1] - path.distance[k])
+        poses = path.poses[k] + share[:, None] * (path.poses[k + 1] - path.poses[k])
+        poses[:, 2] = wrap_angle(path.poses[k, 2] + turned)
         stopping = np.sqrt(2.0 * options.deceleration * np.maximum(path.length - along - 0.03, 0.0))
         speed = np.minimum(options.reverse_speed if path.reverse else options.speed, stopping)
         speed = np.minimum(speed, _bend_limit(poses[:, 2], options))
-        return np.column_stack([poses, along - since, np.maximum(speed, options.creep_speed)])
+        return np.ascontiguousarray(np.column_stack([poses, along - since, np.maximum(speed, options.creep_speed)]))
 
     def _sent(
         self, wish: Wish, state: FollowerState, path: Path, pose: Array, costmap: Costmap, dt: float
@@ -132,9 +134,7 @@ class TrackingPlanner(PurePursuit):
             blocked = True
             v, w = float(np.clip(0.0, v0 - brake, v0 + brake)), 0.5 * w
         command = (v, w / state.turn_gain)
-        state = replace(
-            state, command=command, memory=wish.memory, blocked_s=state.blocked_s + dt if blocked else 0.0
-        )
+        state = replace(state, command=command, memory=wish.memory, blocked_s=state.blocked_s + dt if blocked else 0.0)
         return FollowerStep(
             v=v, w=command[1], state=state, remaining=max(0.0, path.length - state.travelled), blocked=blocked
         )
