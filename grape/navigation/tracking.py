@@ -123,16 +123,17 @@ class TrackingPlanner(PurePursuit):
         """The wish within accelerations, slowed until the robot can stop before it touches anything."""
         options = self.options
         sign = -1.0 if path.reverse else 1.0
-        v, w = sign * wish.v, wish.w
+        v = float(np.clip(sign * wish.v, -options.reverse_speed, options.speed))
+        w = float(np.clip(wish.w, -options.turn_speed, options.turn_speed))
         v0, w0 = state.command[0], state.command[1] * state.turn_gain
         brake = 2.0 * options.deceleration * dt
         blocked = wish.blocked
         change = brake if abs(v) < abs(v0) or v * v0 < 0 else options.acceleration * dt
-        v = float(np.clip(v, v0 - change, v0 + change))
-        w = float(np.clip(w, w0 - options.turn_acceleration * dt, w0 + options.turn_acceleration * dt))
+        turn = options.turn_acceleration * dt
+        v, w = float(np.clip(v, v0 - change, v0 + change)), float(np.clip(w, w0 - turn, w0 + turn))
         if self._stops_too_late(v, w, pose, costmap, dt):
             blocked = True
-            v, w = float(np.clip(0.0, v0 - brake, v0 + brake)), 0.5 * w
+            v, w = float(np.clip(0.0, v0 - brake, v0 + brake)), float(np.clip(0.0, w0 - turn, w0 + turn))
         command = (v, w / state.turn_gain)
         state = replace(state, command=command, memory=wish.memory, blocked_s=state.blocked_s + dt if blocked else 0.0)
         return FollowerStep(

@@ -78,6 +78,8 @@ def room_to_turn(costmap: Costmap, pose: Array, angle: float, options: TurnRoomO
     pose = np.asarray(pose, dtype=float)
     if may_turn(costmap, pose, angle, options):
         return 0.0
+    # there a little more room, so that stopping a few cm short of it is enough
+    roomy = replace(options, drift=options.drift + 0.05 / abs(angle), most_drift=options.most_drift + 0.05)
     found: list[tuple[float, float]] = []
     heading = np.array([np.cos(pose[2]), np.sin(pose[2]), 0.0])
     steps = options.spacing * np.arange(1, 1 + int(options.reach / options.spacing))
@@ -88,7 +90,7 @@ def room_to_turn(costmap: Costmap, pose: Array, angle: float, options: TurnRoomO
         for step in free:
             if found and dearness * step >= found[0][0]:
                 break
-            if may_turn(costmap, pose + sign * step * heading, angle, options):
+            if may_turn(costmap, pose + sign * step * heading, angle, roomy):
                 found = [(dearness * float(step), sign * float(step))]
                 break
     return found[0][1] if found else None

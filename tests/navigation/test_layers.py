@@ -146,7 +146,7 @@ def test_local_costmap_rolls_with_the_robot_and_keeps_what_it_saw():
     )
     local = LayeredCostmap(layers, size=4.0)
     for _ in range(2):
-        local.layer("scan").integrate(beams_from_range(1.0, np.zeros(3), 0.05, 3.0))
+        local.layer("scan").integrate(beams_from_range(1.02, np.zeros(3), 0.05, 3.0))
     before, after = local.update(np.zeros(3)), local.update(np.array([1.0, 0.0, 0.0]))
     seen, fence = np.array([1.02, 0.0]), np.array([2.4, -0.8])
     assert before.cost_at(seen) == LETHAL == after.cost_at(seen)

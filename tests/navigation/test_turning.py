@@ -39,9 +39,8 @@ def test_small_correction_beside_a_fence_is_allowed_and_a_large_turn_is_not():
 
 
 def test_room_is_found_ahead_or_behind_whichever_is_nearer():
-    ahead, behind = room_to_turn(costmap_of(fence(-4.0, 1.0)), BESIDE, 1.5), room_to_turn(
-        costmap_of(fence(-1.0, 4.0)), BESIDE, 1.5
-    )
+    ahead = room_to_turn(costmap_of(fence(-4.0, 1.0)), BESIDE, 1.5)
+    behind = room_to_turn(costmap_of(fence(-1.0, 4.0)), BESIDE, 1.5)
     assert ahead is not None and behind is not None
     assert 1.0 < ahead < 2.0 and ahead == pytest.approx(-behind, abs=0.11)
     assert room_to_turn(costmap_of(fence(2.0, 4.0)), BESIDE, 1.5) == 0.0
@@ -88,5 +87,6 @@ def test_wrapped_planner_without_any_room_stands_and_says_blocked():
 
     points = straight(np.zeros(2), np.array([1.0, 0.0]), 0.1)
     path = Path(poses=np.column_stack([points, np.zeros(len(points))]))
-    step = RoomToTurn(Turner()).step(FollowerState(), path, BESIDE, np.zeros(2), costmap_of(fence(-4.9, 4.9)), 0.1)
+    planner, costmap = RoomToTurn(Turner(), TurnRoomOptions(reach=3.0)), costmap_of(fence(-4.9, 4.9))
+    step = planner.step(FollowerState(), path, BESIDE, np.zeros(2), costmap, 0.1)
     assert step.blocked and step.w == 0.0 and step.state.phase is Phase.TRACK
