@@ -50,7 +50,7 @@ class DwaOptions:
             raise InvalidInput(f"at least 2 samples of v and w, 0 < period <= sim_s, got {self}")
 
 
-# as in ROS's defaults of 2016, which the robots of the time drove with: only the path counts, and obstacles by 1 %
+# as in the defaults of ROS 1: distances count in cells of 5 cm, so obstacles weigh little beside path and goal
 CLASSIC = DwaOptions(
     v_samples=3,
     w_samples=20,
