@@ -84,7 +84,9 @@ class TrackingPlanner(PurePursuit):
         if not np.isfinite(pose).all():
             return False
         far = path.length - state.travelled > self._hand_over
-        return far and abs(self._heading_error(state, path, pose)) <= self.options.turn_in_place
+        # going around something faces away from the path for a while: only a first look stops for less
+        most = self.options.turn_in_place if state.steps == 0 else max(self.options.turn_in_place, 1.3)
+        return far and abs(self._heading_error(state, path, pose)) <= most
 
     def _situation(self, state: FollowerState, path: Path, pose: Array, costmap: Costmap, dt: float) -> Situation:
         turned = np.pi if path.reverse else 0.0
