@@ -35,7 +35,7 @@ from grape.tasks.dispenser.feeder import FEEDER_BOXES, VIEW_M, hand_at_feeder
 from grape.tasks.dispenser.row import row_boxes, row_distance
 from grape.tasks.dispenser.scan_views import remember_views
 from grape.tasks.dispenser.servo_target import ServoToTargetGoal
-from grape.tasks.dispenser.targets import TOUCH_M, HangTarget, hang_line
+from grape.tasks.dispenser.targets import HangTarget, hang_line
 
 VINE = "r0v0"
 NO_START = "no_start"  # reason of a trial that did not get as far as servoing
@@ -95,7 +95,7 @@ def _trial(key: Key) -> Trial:
 def _reached(bench: ArmBench, tip: Array, direction: Array) -> HangTarget | None:
     for pitch, azimuth in TURNS:
         target = HangTarget(plant=VINE, kind="spur", tip=tip, direction=direction, pitch=pitch, azimuth=azimuth)
-        if find_postures(bench.ctx, hang_line(bench.robot, target, 0.10), touch=(tip, TOUCH_M)):
+        if find_postures(bench.ctx, hang_line(bench.robot, target, 0.10), touch=target.touched()):
             return target
     return None
 

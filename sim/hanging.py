@@ -91,6 +91,9 @@ class HangingJudge:
             ]
             + [_Carrier(plant=nail.id, base=nail.base, tip=nail.tip) for nail in world.nails]
         )
+        self._arms = tuple(
+            _Carrier(plant=rod.plant, base=rod.p0, tip=rod.p1) for rod in world.capsules if rod.label is Label.ARM
+        )
         names = [physics.model.body(k).name for k in range(physics.model.nbody)]
         count = sum(name.startswith(DISPENSER) and name.removeprefix(DISPENSER).isdigit() for name in names)
         self._loops = [LoopReader.of(physics.model, f"{DISPENSER}{k}") for k in range(count)]
@@ -121,10 +124,17 @@ class HangingJudge:
         return {int(geom) for geom in pairs[own[:, ::-1] & ~own]}
 
     def _carrier(self, line: Array, touched: set[int]) -> _Carrier | None:
-        """The spur or nail that goes through the loop, or the nearest of the plant that the loop touches."""
+        """What goes through the loop, spur or nail before arm; else the nearest tip of the plant that the loop touches.
+
+        A loop that has slid from its spur down an arm, into the fork for instance, comes off over the spur's tip alone.
+        """
         centre = line.mean(axis=0)
-        near = sorted(self._carriers, key=lambda carrier: float(np.linalg.norm(carrier.tip - centre)))
-        for carrier in near[:12]:
+
+        def nearest(carriers: tuple[_Carrier, ...]) -> list[_Carrier]:
+            return sorted(carriers, key=lambda carrier: float(np.linalg.norm(carrier.tip - centre)))
+
+        near = nearest(self._carriers)
+        for carrier in (*near[:12], *nearest(self._arms)[:12]):
             if passes_through(line, carrier.base, carrier.tip):
                 return carrier
         plants = {self._parts.plants[geom] for geom in touched if self._parts.labels[geom] in _CARRIERS}

@@ -29,6 +29,7 @@ CLOUD_PERIOD_S = 0.30
 MAP_PERIOD_S = 0.20
 MAX_AGE_S = 0.30  # of pose and scan
 PATIENCE_S = 1.0  # with stale data, standing
+LOST_S = 45.0  # standing until the pose is good enough again: a receiver without integer fix gets it back within 30 s
 BLOCKED_S = 15.0  # with something in the way that does not go
 REPLAN_S = 2.0
 MAX_REPLANS = 8
@@ -111,7 +112,7 @@ class _Drive:
         ctx = self._ctx
         while not ctx.world.localized or ctx.world.odometry is None:
             base.send(0.0, 0.0)
-            if ctx.clock.now() - self._begun_s > 5.0:
+            if ctx.clock.now() - self._begun_s > LOST_S:
                 raise ActionFailed(Reason.NOT_LOCALIZED, "the pose estimate is not good enough to drive by")
             yield Feedback(status="waiting for a pose")
         pose = self._pose()
@@ -172,6 +173,8 @@ class _Drive:
         if path is None:
             return Feedback(status="planning")
         left = max(0.0, path.length - self._state.travelled)
+        if not self._ctx.world.localized:
+            return Feedback(status=f"standing until the pose is certain again, {left:.1f} m to go")
         status = "waiting: the way is blocked" if self._blocked_now else f"{self._state.phase}, {left:.1f} m to go"
         return Feedback(status=status, progress=float(min(1.0, self._driven / max(self._driven + left, 0.01))))
 
@@ -270,7 +273,7 @@ class _Drive:
         if not old and not lost:
             self._fresh_s = now
             return True
-        if now - self._fresh_s > (5.0 if lost else PATIENCE_S):
+        if now - self._fresh_s > (LOST_S if lost else PATIENCE_S):
             if lost:
                 raise ActionFailed(Reason.NOT_LOCALIZED, "the pose estimate became too uncertain to drive by")
             raise ActionFailed(Reason.STALE_DATA, f"{old} is older than {MAX_AGE_S} s")

@@ -15,7 +15,7 @@ from grape.errors import ActionFailed, GoalRejected, Reason, did_you_mean
 from grape.geometry import interpolate
 from grape.kinematics import IkSolution, inverse_all, inverse_path
 from grape.messages import Array
-from grape.planning import StateChecker, StaticBox
+from grape.planning import Ball, CheckerOptions, StateChecker, StaticBox
 from grape.trajectory import TimingOptions, Trajectory, time_path
 
 TIMING = TimingOptions(speed=0.95, acceleration=0.8)
@@ -48,7 +48,7 @@ def move_to_pose(
     *,
     status: str,
     boxes: Sequence[StaticBox] = (),
-    touch: tuple[Array, float] | None = None,
+    touch: Sequence[Ball] = (),
     touch_boxes: Sequence[str] = (),
     either_end: bool = False,
 ) -> Generator[Feedback, None, int]:
@@ -59,7 +59,7 @@ def move_to_pose(
         line: hand poses (4, 4) in base_link, one or more; the later ones are only looked ahead to.
         status: what to tell meanwhile.
         boxes: more obstacles, in base_link, that the motion to the first pose keeps clear of.
-        touch: (centre (3,) m in base_link, radius m) of what the rest of the line is there to touch.
+        touch: balls in base_link in which the rest of the line may touch what was seen.
         touch_boxes: names of boxes of the base that the rest of the line may enter.
         either_end: the line may also be followed from its last pose; then that one may be moved to.
 
@@ -69,7 +69,7 @@ def move_to_pose(
     Raises:
         ActionFailed: UNREACHABLE, IN_COLLISION, NO_PLAN, CABLE_BUDGET or TRACKING_ERROR.
     """
-    enter = (tuple(boxes), touch, tuple(touch_boxes))
+    enter = (tuple(boxes), tuple(touch), tuple(touch_boxes))
     candidates = yield from ctx.jobs.run(find_postures, ctx, tuple(line), *enter)
     ends = {0: candidates}
     if either_end:
@@ -87,7 +87,7 @@ def find_postures(
     ctx: Context,
     line: tuple[Array, ...],
     boxes: tuple[StaticBox, ...] = (),
-    touch: tuple[Array, float] | None = None,
+    touch: tuple[Ball, ...] = (),
     touch_boxes: tuple[str, ...] = (),
     holding: bool | None = None,
 ) -> list[Array]:
@@ -97,13 +97,13 @@ def find_postures(
         ctx: for robot and world.
         line: hand poses (4, 4) in base_link.
         boxes: more obstacles around the first pose; the rest of the line may be inside them.
-        touch: (centre (3,) m, radius m) of what the rest of the line may touch.
+        touch: balls in base_link in which the rest of the line may touch what was seen.
         touch_boxes: names of boxes of the base that it may enter.
         holding: whether a dispenser is in the hand at the first pose; None asks the ledger.
     """
     robot = ctx.robot
     checker = checker_for(ctx, boxes, holding=holding)
-    on_line = checker_for(ctx, carve=() if touch is None else (touch,), without=touch_boxes, holding=False)
+    on_line = checker_for(ctx, carve=touch, without=touch_boxes, holding=False)
     start = ctx.world.joints()
     steps = densely([robot.in_arm_base(T) for T in line])
     found: list[tuple[float, Array]] = []
@@ -125,19 +125,21 @@ def checker_for(
     ctx: Context,
     boxes: Sequence[StaticBox] = (),
     *,
-    carve: Sequence[tuple[Array, float]] = (),
+    carve: Sequence[Ball] = (),
     without: Sequence[str] = (),
     holding: bool | None = None,
+    options: CheckerOptions | None = None,
 ) -> StateChecker:
     """A collision checker against what was perceived, the robot's own boxes, and more boxes.
 
     Args:
         ctx: for robot, world and ledger;
         boxes: more obstacles in base_link.
-        carve: (centre (3,) m, radius m) of places that may be touched.
+        carve: balls in base_link in which what was seen may be touched.
         without: names of boxes of the base that do not count.
         holding: whether a dispenser counts as part of the arm; None asks the ledger. Where it is there to touch the
             vine it is left out: it is soft.
+        options: margins.
     """
     if holding is None:
         holding = ctx.ledger.dispensers().get("hand", 0) > 0
@@ -145,7 +147,7 @@ def checker_for(
     if boxes or without:
         body = body.with_boxes((*(box for box in body.boxes if box.name not in without), *boxes))
     obstacles: Obstacles | None = ctx.world.committed.get(OBSTACLES)
-    return StateChecker(body, None if obstacles is None else obstacles.field(carve))
+    return StateChecker(body, None if obstacles is None else obstacles.field(carve), options)
 
 
 def move_to_joints(

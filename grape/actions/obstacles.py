@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from grape.messages import Array, frozen_array
-from grape.planning import DistanceField, build_distance_field, carve_distance_field
+from grape.planning import Ball, DistanceField, build_distance_field, carve_distance_field
 
 OBSTACLES = "obstacles"  # where it is committed in the world; valid until the base moves
 
@@ -21,7 +21,7 @@ class Obstacles:
         self.cloud = frozen_array(cloud, float)
         self._fields: dict[tuple[tuple[float, ...], ...], DistanceField] = {}
 
-    def field(self, carve: Sequence[tuple[Array, float]] = ()) -> DistanceField:
+    def field(self, carve: Sequence[Ball] = ()) -> DistanceField:
         """The distance field without what is inside balls (centre (3,) m, radius m)."""
         key = tuple((*(float(v) for v in centre), float(radius)) for centre, radius in carve)
         if () not in self._fields:

@@ -2,6 +2,7 @@
 
 from grape.planning.checker import CheckerOptions, Nearest, StateChecker
 from grape.planning.distance_field import (
+    Ball,
     DistanceField,
     DistanceFieldOptions,
     build_distance_field,
@@ -12,6 +13,7 @@ from grape.planning.planner import JointPath, JointPlanner, PlannerOptions
 from grape.planning.spheres import LinkCapsule, SphereModel, StaticBox, build_sphere_model, cover_capsule
 
 __all__ = [
+    "Ball",
     "CheckerOptions",
     "DistanceField",
     "DistanceFieldOptions",

@@ -10,6 +10,8 @@ import numpy as np
 from grape.errors import InvalidInput
 from grape.messages import Array, frozen_array
 
+Ball = tuple[Array, float]  # centre (3,) m, radius m
+
 
 @dataclass(frozen=True, kw_only=True)
 class DistanceFieldOptions:
@@ -105,10 +107,10 @@ def build_distance_field(points: Array, options: DistanceFieldOptions | None = N
 def carve_distance_field(
     field: DistanceField,
     points: Array,
-    balls: Sequence[tuple[Array, float]],
+    balls: Sequence[Ball],
     options: DistanceFieldOptions | None = None,
 ) -> DistanceField:
-    """The field as if the points inside some balls had not been seen; only the surroundings of the balls are computed.
+    """The field as if the points inside some balls had not been seen; only the box around the balls is computed.
 
     Args:
         field: what `build_distance_field` made of the same `points` and `options`.
@@ -119,22 +121,24 @@ def carve_distance_field(
     options = options or DistanceFieldOptions()
     points = np.asarray(points, dtype=float)
     keep = _counts(points, options)
+    if not len(balls):
+        return field
     for center, radius in balls:
         keep = keep & (((points - np.asarray(center)) ** 2).sum(axis=1) > radius**2)
     low = np.round(field.origin / options.voxel_m - 0.5).astype(int)
     index = np.floor(points[keep] / options.voxel_m).astype(int) - low
     margin = int(np.ceil(options.reach_m / options.voxel_m)) + 1
+    centers = np.array([center for center, _ in balls]) / options.voxel_m - low
+    half = np.array([[radius] for _, radius in balls]) / options.voxel_m + margin
+    begin = np.clip(np.floor((centers - half).min(axis=0)).astype(int), 0, field.distance.shape)
+    end = np.clip(np.ceil((centers + half).max(axis=0)).astype(int) + 1, 0, field.distance.shape)
+    if (begin >= end).any():
+        return field
+    first, last = begin - margin, end + margin
+    near = index[((index >= first) & (index < last)).all(axis=1)] - first
     distance = field.distance.copy()
-    for center, radius in balls:
-        middle, half = np.asarray(center) / options.voxel_m - low, radius / options.voxel_m + margin
-        begin = np.clip(np.floor(middle - half).astype(int), 0, field.distance.shape)
-        end = np.clip(np.ceil(middle + half).astype(int) + 1, 0, field.distance.shape)
-        if (begin >= end).any():
-            continue
-        first, last = begin - margin, end + margin
-        near = index[((index >= first) & (index < last)).all(axis=1)] - first
-        changed = _transform(near, last - first, options)[(slice(margin, -margin),) * 3]
-        distance[tuple(slice(a, b) for a, b in zip(begin, end, strict=True))] = changed
+    changed = _transform(near, last - first, options)[(slice(margin, -margin),) * 3]
+    distance[tuple(slice(a, b) for a, b in zip(begin, end, strict=True))] = changed
     distance.flags.writeable = False
     return replace(field, distance=distance, point_count=int(keep.sum()))
 

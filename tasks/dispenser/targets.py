@@ -16,10 +16,13 @@ from grape.actions.core import Context
 from grape.errors import InvalidInput
 from grape.geometry import inverse, pose, rotation_x, rotation_z
 from grape.messages import Array, frozen_array
+from grape.planning import Ball
 
 AIM_OFFSET_M = 0.028  # from the nail line to where the spur passes the loop, along the hand's y
 AIM_DEPTH_M = 0.030  # how far the loop is pushed over the tip
-TOUCH_M = 0.12  # around the tip: what the hand is there to touch
+# What the hand may touch: what was seen so far from the spur, from beyond its tip down to where the fingers come.
+TOUCH_RADIUS_M, TOUCH_BEYOND_M, TOUCH_DOWN_M = 0.04, 0.015, 0.06
+TOUCH_UNSURE_M = 0.12  # around the tip, where the arm's zeros are not known and the cloud is that far off
 SPURS = "spurs"  # in the ledger: what was found from this stop, whether or not the arm reaches it
 RETREAT_M = 0.14  # straight back along the fingers after letting go
 
@@ -70,6 +73,12 @@ class HangTarget:
         """
         axis = self.direction if self.kind == "nail" else np.array([0.0, 0.0, 1.0]) + 0.6 * self.direction * [1, 1, 0]
         return axis / np.linalg.norm(axis)
+
+    def touched(self) -> tuple[Ball, ...]:
+        """Balls in base_link in which the hand may touch what was seen there: nail or spur, not their neighbours."""
+        count = round((TOUCH_BEYOND_M + TOUCH_DOWN_M) / (0.25 * TOUCH_RADIUS_M)) + 1
+        along = np.linspace(TOUCH_BEYOND_M, -TOUCH_DOWN_M, count)
+        return tuple((self.tip + s * self.direction, TOUCH_RADIUS_M) for s in along)
 
     def rotation(self) -> Array:
         """`R_base_hand` while hanging."""

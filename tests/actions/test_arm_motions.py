@@ -210,6 +210,19 @@ def test_smooth_step_starts_and_ends_at_rest() -> None:
     assert smooth_step(0.01) < 1e-4 and 1 - smooth_step(0.99) < 1e-4
 
 
+def test_retract_backs_off_sideways_where_something_is_behind_the_hand(bench: Bench) -> None:
+    bench.put_hand(AHEAD)
+    nails = AHEAD @ bench.robot.hand.T_hand_nails(DESCRIPTION.gripper.closed_angle)
+    branch = nails[:3, 3] + np.array([[x, 0.0, 0.0] for x in np.arange(-0.2, 0.2, 0.005)])
+    wall = [AHEAD[:3, 3] + [x, -0.16, z] for x in np.arange(-0.1, 0.1, 0.01) for z in np.arange(-0.1, 0.1, 0.01)]
+    bench.world.committed[OBSTACLES] = Obstacles(np.vstack([branch, wall]))
+    start, run = bench.hand, retract(RetractGoal(), bench.ctx)
+    backing = [bench.hand for feedback in run if bench.advance() or feedback.status == "backing off"]
+    way = backing[-1][:3, 3] - start[:3, 3]
+    assert abs(way[1]) < 0.02 and way[2] > 0.08, "up, not into the wall"
+    assert np.abs(bench.arm.q - POSES["travel"]).max() < 0.01
+
+
 def test_retract_backs_off_what_is_near_before_it_plans(bench: Bench) -> None:
     bench.put_hand(AHEAD)
     nails = AHEAD @ bench.robot.hand.T_hand_nails(DESCRIPTION.gripper.closed_angle)

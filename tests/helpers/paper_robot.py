@@ -6,6 +6,7 @@ Everything is given in base_link.
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -53,6 +54,7 @@ class Bench:
         self.scanners = {"front_laser": PaperScanner(), "wrist_lidar": PaperScanner()}
         self.operator = PaperOperator()
         self.localized = True
+        self.bias = np.zeros(6)  # rad, the arm's encoders tell so much too much
         none: Any = None
         drivers = Drivers(
             base=self.base, arm=self.arm, gripper=self.fingers, camera=self.camera, imu=none, gnss=none,
@@ -121,7 +123,9 @@ class Bench:
     def _sense(self) -> None:
         world, now = self.world, self.now()
         world.localized = self.localized
-        world.arm, world.gripper = self.arm.latest(), self.fingers.latest()
+        told = self.arm.latest()
+        arm = world.take_arm(replace(told, position=told.position + self.bias))
+        world.gripper = self.fingers.latest()
         six = np.zeros((6, 6))
         world.odometry = Odometry(
             stamp=now, frame_id="map", child_frame_id="base_link", pose=self.base.T_map_base,
@@ -129,7 +133,7 @@ class Bench:
             pose_covariance=six, twist_covariance=six,
         )  # fmt: skip
         world.frames.push("map", "base_link", self.base.T_map_base, now)
-        world.frames.push("arm_base", "hand", self.robot.arm.fk(self.arm.q), now)
+        world.frames.push("arm_base", "hand", self.robot.arm.fk(arm.position), now)
         self.camera.advance(now, self.arm.q, float(self.fingers.angles[1]))
         for scanner in self.scanners.values():
             scanner.advance(now)

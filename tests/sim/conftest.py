@@ -13,17 +13,19 @@ from grape.sim.worlds import VineyardOptions, generate_vineyard
 
 
 @cache
-def small_world(slope=0.0):
+def small_world(slope=0.0, style="cordon"):
     """One row of two vines and one nail on smooth ground."""
     return generate_vineyard(
-        VineyardOptions(rows=1, vines_per_row=2, nails_per_row=1, weeds=0.0, slope=slope, roughness_rms=0.0)
+        VineyardOptions(
+            rows=1, vines_per_row=2, nails_per_row=1, weeds=0.0, slope=slope, roughness_rms=0.0, style=style
+        )
     )
 
 
-def make(seed=1, dispensers=0, slope=0.0, **options):
+def make(seed=1, dispensers=0, slope=0.0, style="cordon", **options):
     """A simulation of the small world."""
     return Simulation(
-        small_world(slope), DESCRIPTION, seed=seed, options=SimulationOptions(dispensers=dispensers, **options)
+        small_world(slope, style), DESCRIPTION, seed=seed, options=SimulationOptions(dispensers=dispensers, **options)
     )
 
 

@@ -12,6 +12,7 @@ from grape.sim.areas import contains, passes_through, polygons_touch
 from grape.sim.compose import BASE_JOINT
 from grape.sim.dispenser import place_dispenser
 from grape.sim.faults import DropDispenser
+from grape.sim.worlds.model import Label
 
 
 def beats(simulation, count, estimate=None):
@@ -72,6 +73,17 @@ def test_a_loop_on_an_upright_spur_hangs(simulate):
     place(simulation, 0, over(spur.tip, spur.base))
     beats(simulation, 200)
     assert truth(simulation)["hanging"] == [spur.plant]
+
+
+def test_a_loop_that_has_slid_down_an_arm_hangs(simulate):
+    simulation = simulate(dispensers=1, style="gobelet")
+    arm = max(
+        (rod for rod in simulation.world.capsules if rod.label is Label.ARM and "/arm" in rod.name),
+        key=lambda rod: rod.p1[2],
+    )
+    place(simulation, 0, over(arm.p1, arm.p0))
+    beats(simulation, 200)
+    assert truth(simulation)["hanging"] == [arm.plant]
 
 
 def test_a_loop_beside_the_spur_does_not_hang(simulate):

@@ -13,7 +13,7 @@ from grape.actions.retract import back_off
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, Reason
 from grape.tasks.dispenser.stops import SPUR_STAND_OFF_M, margins_of, orientations
-from grape.tasks.dispenser.targets import TOUCH_M, HangTarget, hang_line
+from grape.tasks.dispenser.targets import HangTarget, hang_line
 
 TURN_THE_HAND = (Reason.UNREACHABLE, Reason.NO_PLAN, Reason.IN_COLLISION, Reason.CABLE_BUDGET)
 
@@ -71,7 +71,7 @@ def approach_spur(goal: ApproachSpurGoal, ctx: Context) -> Generator[Feedback, N
 
 def _move_above(ctx: Context, arm: ArmDriver, target: HangTarget, stand_off: float) -> Generator[Feedback, None, None]:
     line = hang_line(ctx.robot, target, stand_off)
-    yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch=(target.tip, TOUCH_M))
+    yield from move_to_pose(ctx, arm, line, status="moving in front of target", touch=target.touched())
 
 
 def _turned(ctx: Context, target: HangTarget) -> list[HangTarget]:

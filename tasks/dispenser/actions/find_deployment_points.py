@@ -21,7 +21,7 @@ from grape.tasks.dispenser.perception.depth_view import DepthView
 from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, MergeOptions, extract_poses, merge_poses, rank
 from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, plant_in_base
 from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, margins_of, orientations
-from grape.tasks.dispenser.targets import TOUCH_M, HangTarget, hang_line, remember_spurs
+from grape.tasks.dispenser.targets import HangTarget, hang_line, remember_spurs
 
 OWN_HAND = (np.array([-0.13, -0.13, -0.30]), np.array([0.13, 0.13, 0.10]))  # m, corners in the hand's frame
 ALIKE, EASY = 0.2, 0.6  # margins this near are alike; from here on more of it is worth nothing
@@ -183,7 +183,7 @@ def _reachable(goal: FindDeploymentPointsGoal, ctx: Context, spur: HangTarget) -
     for k in np.argsort(-np.minimum(np.round(margins / ALIKE), round(EASY / ALIKE)), kind="stable"):
         way = ways[k]
         if margins[k] > 0.0 and find_postures(
-            ctx, hang_line(ctx.robot, way, SPUR_STAND_OFF_M), touch=(way.tip, TOUCH_M), holding=True
+            ctx, hang_line(ctx.robot, way, SPUR_STAND_OFF_M), touch=way.touched(), holding=True
         ):
             return way
     return None

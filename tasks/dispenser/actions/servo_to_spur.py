@@ -18,10 +18,11 @@ from grape.errors import ActionFailed
 from grape.geometry import inverse, transform
 from grape.messages import Array, RgbdImage
 from grape.perception.blobs import back_project
+from grape.planning import CheckerOptions
 from grape.tasks.dispenser.perception.branch_point import BranchPointOptions, branch_point, reference_colour
 from grape.tasks.dispenser.scan_views import as_calibrated
 from grape.tasks.dispenser.servo_target import ServoToTargetGoal, ServoToTargetResult, servo_to_target
-from grape.tasks.dispenser.targets import TOUCH_M, HangTarget
+from grape.tasks.dispenser.targets import TOUCH_UNSURE_M, HangTarget
 
 Finder = Callable[[RgbdImage, Array, float], tuple[Array | None, float | None]]
 
@@ -34,6 +35,7 @@ FIRST_GATE_M = {True: 0.04, False: 0.10}  # how far the first sight may be from 
 # the hand over that way better.
 OPTIONS = {False: PointServoOptions(), True: PointServoOptions(standoff_frames=8, smoothing=0.1, trust_m=0.06)}
 AROUND = LookAroundOptions(turn_rad=0.0, shift_m=0.04)  # a spur is looked for past what hides it
+CLOSE = CheckerOptions(padding_m=0.005)  # less than of the planned way, which servoing leaves by some mm
 MEANT_SPEED = 0.06  # m/s
 MEANT_MOST_M = 0.12  # a correction that is larger than this is not believed
 
@@ -46,7 +48,8 @@ def servo_to_spur(goal: ServoToTargetGoal, ctx: Context) -> Generator[Feedback, 
     T_hand_camera = camera_mount(ctx)
     T_hand_nails = robot.hand.T_hand_nails(robot.description.gripper.open_angle)
     K = ctx.camera.latest().info.K
-    clearance = checker_for(ctx, carve=((goal.target.tip, TOUCH_M),), holding=False).clearance
+    touched = goal.target.touched() if calibrated else ((goal.target.tip, TOUCH_UNSURE_M),)
+    clearance = checker_for(ctx, carve=touched, holding=False, options=CLOSE).clearance
     direction = (target.rotation() @ T_hand_camera[:3, :3]).T @ target.direction  # in the optical frame
 
     def place(stand_off: float) -> Array:

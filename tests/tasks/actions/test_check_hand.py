@@ -50,7 +50,8 @@ def test_what_fell_while_a_plant_was_served_in_vain_is_lost(
     account = bench.ledger.account()
     assert (account["on_hand"], account["lost"], account["left"]) == (int(held), int(not held), 7)
     assert bench.log.last("check")["check"] == ("grasp" if held or step == "approach" else "deployment")
-    assert bench.ledger.plants()[0].outcome is Outcome.SKIPPED and bench.arm.sent == 0
+    assert bench.ledger.plants()[0].outcome is Outcome.SKIPPED
+    assert (bench.arm.sent == 0) == (held or step == "approach"), "what is seen nowhere is looked for from aside"
 
 
 def test_what_the_plant_pulled_off_the_hand_hangs_there(bench: Bench, task: SimpleNamespace) -> None:

@@ -287,6 +287,34 @@ def test_a_dispenser_that_is_not_at_its_place_is_lost(bench: Bench, task: Simple
     assert (account["on_hand"], account["lost"], account["deployed"]) == (0, 1, 0)
 
 
+def test_a_dispenser_whose_wings_are_seen_only_from_aside_is_confirmed(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.put_nail(bench)
+    hung_at(bench, target)
+    begin = bench.hand[:3, 3]
+    wings = [target.tip + np.array([side * 0.02, -0.01, -0.03]) for side in (-1.0, 1.0)]
+    for _ in check(bench, target):
+        bench.advance()
+        bench.scene.wings = wings if np.linalg.norm(bench.hand[:3, 3] - begin) > 0.08 else []
+    assert bench.ledger.dispensers()["n0"] == 1
+    checks = [fields for kind, fields in bench.log.events if kind == "check"]
+    assert [fields["value"] for fields in checks] == [True], "one verdict for both looks"
+
+
+@pytest.mark.parametrize(("tip_z", "hangs"), [(0.55, True), (0.20, False)])
+def test_a_dispenser_in_the_fork_hangs_and_one_on_the_ground_does_not(
+    bench: Bench, task: SimpleNamespace, tip_z: float, hangs: bool
+) -> None:
+    target = replace(task.spur_target(bench), plant="n0", tip=np.array([0.45, 0.80, tip_z]))
+    hung_at(bench, target)
+    bench.scene.wings = [target.tip + np.array([side * 0.02, 0.05, -0.25]) for side in (-1.0, 1.0)]
+    run = check(bench, target)
+    if hangs:
+        bench.run(run)
+    else:
+        assert "lies on the ground" in bench.failure(run).detail
+    assert bench.ledger.account()["lost"] == (not hangs)
+
+
 def test_a_check_without_camera_leaves_the_account_alone(bench: Bench, task: SimpleNamespace) -> None:
     target = task.put_nail(bench)
     hung_at(bench, target)

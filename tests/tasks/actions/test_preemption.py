@@ -107,6 +107,7 @@ class Case:
 CASES = {
     "ApproachNail": Case(lambda bench, task: {"plant": "n0"}, ("arm",)),
     "ApproachSpur": Case(lambda bench, task: {"target": task.spur_target(bench)}, ("arm",)),
+    "CalibrateArm": Case(nothing, ("arm", "gripper")),
     "CheckDeployment": Case(before_nail),
     "CheckFeeder": Case(arm_away, ("arm", "gripper")),
     "CheckGrasp": Case(nothing),
