@@ -32,11 +32,12 @@ from grape.navigation.beams import beams_from_scan, scan_points
 from grape.navigation.costmap import ObstacleLayer, PolygonLayer, layered_costmap
 from grape.navigation.dwa import CLASSIC, Dwa
 from grape.navigation.follower import FollowerState, LocalPlanner, Phase, PurePursuit
-from grape.navigation.grid import Costmap, Footprint, GridSpec
+from grape.navigation.grid import Footprint, GridSpec
 from grape.navigation.monitor import speed_factor
 from grape.navigation.mppi import Mppi
 from grape.navigation.path import Path
 from grape.navigation.planner import path_blocked, plan_route
+from grape.navigation.rolling import LayeredCostmap
 from grape.navigation.route import waypoints
 from grape.navigation.teb import Teb
 from grape.navigation.turning import RoomToTurn, room_to_turn
@@ -49,6 +50,8 @@ PLANNERS: Mapping[str, Callable[[], LocalPlanner]] = {
     "mppi": Mppi,
 }
 _DT = 0.1
+_MAP_S = 0.2
+_WINDOW_M = 10.0
 _REPLAN_S = 2.0
 _STUCK_S = 6.0
 _MOST_STUCK = 4
@@ -87,19 +90,21 @@ class _Drive:
         self.zones = PolygonLayer(place.fences)
         corners = np.vstack([*(row.line for row in place.rows), place.start[:2][None], *place.fences])
         self.spec = GridSpec.around(corners, 1.0)
-        self.obstacles = ObstacleLayer(GridSpec.window(base.pose[:2], 10.0))
+        self.obstacles = ObstacleLayer(GridSpec.window(base.pose[:2], _WINDOW_M))
+        self.local_layers = LayeredCostmap({"obstacles": self.obstacles, "fences": self.zones}, size=_WINDOW_M)
         self.state = FollowerState()
         self.stuck = self.backing = 0
         self.replan_s = self.moved_s = base.time_s
         self.moved_at = base.pose.copy()
-        self.local, self.points = self._sensed()
+        self.map_s = -np.inf
+        self._sense()
         self.path = self._planned()
 
     def run(self, limit_s: float) -> str:
         """Drive until there; why not, or an empty text."""
         end = self.base.time_s + limit_s
         while self.base.time_s < end:
-            self.local, self.points = self._sensed()
+            self._sense()
             if self.backing > 0:
                 self._back_off()
                 continue
@@ -119,14 +124,17 @@ class _Drive:
                 return "stuck"
         return "time is up"
 
-    def _sensed(self) -> tuple[Costmap, Array]:
+    def _sense(self) -> None:
+        """A scan, and as often as missions do it a local costmap."""
         estimate = self.base.estimate()
         scan = scan_of(self.place.circles, self.base.pose, self.base.rng)
         T_map_base = make_pose(rotation_z(estimate[2]), (estimate[0], estimate[1], 0.0))
         self.obstacles.move_to(estimate[:2])
         self.obstacles.integrate(beams_from_scan(scan, T_map_base, T_BASE_LASER))
-        local = layered_costmap(self.obstacles.spec, [self.obstacles, self.zones])
-        return local, scan_points(scan, T_BASE_LASER)[:, :2]
+        self.points = scan_points(scan, T_BASE_LASER)[:, :2]
+        if self.base.time_s >= self.map_s + _MAP_S - 1e-6:
+            self.map_s = self.base.time_s
+            self.local = self.local_layers.update(estimate)
 
     def _planned(self) -> Path:
         estimate = self.base.estimate()

@@ -14,7 +14,7 @@ from grape.navigation.path import in_frame_of
 from grape.navigation.route import RouteOptions, parking_pose, row_zones
 
 T_BASE_LASER = make_pose(translation=(0.45, 0.0, 0.20))
-_ANGLES = np.radians(np.arange(-135.0, 135.01, 0.75))
+_FIRST, _STEP, _BEAMS = float(np.radians(-135.0)), float(np.radians(0.75)), 361
 
 
 @dataclass(frozen=True)
@@ -113,22 +113,18 @@ def _turned_pose(pose: Array, angle: float) -> Array:
 
 def scan_of(circles: Array, pose: Array, rng: np.random.Generator, sigma: float = 0.015) -> LaserScan:
     """What a 270 degree scanner on the robot at `pose` (3,) sees of circles (n, 3) within 6 m."""
+    from grape.experiments.driving_kernels import ranges_to_circles
+
     T = make_pose(rotation_z(pose[2]), (pose[0], pose[1], 0.0)) @ T_BASE_LASER
-    offset = circles[:, :2] - T[:2, 3]
-    near = np.hypot(*offset.T) < 6.0
-    offset, radius = offset[near], circles[near, 2]
-    d = np.column_stack([np.cos(_ANGLES + pose[2]), np.sin(_ANGLES + pose[2])])
-    along = d @ offset.T
-    inside = radius**2 - ((offset**2).sum(axis=1) - along**2)
-    r = np.where((inside > 0) & (along > 0), along - np.sqrt(np.maximum(inside, 0)), np.inf)
-    r = r.min(axis=1, initial=np.inf) + rng.normal(0.0, sigma, len(_ANGLES))
+    near = circles[np.hypot(*(circles[:, :2] - T[:2, 3]).T) < 6.0]
+    r = ranges_to_circles(near, T[0, 3], T[1, 3], float(pose[2]) + _FIRST, _STEP, _BEAMS)
     return LaserScan(
         stamp=0.0,
-        angle_min=float(_ANGLES[0]),
-        angle_increment=float(np.radians(0.75)),
+        angle_min=_FIRST,
+        angle_increment=_STEP,
         range_min=0.1,
         range_max=30.0,
-        ranges=r,
+        ranges=r + rng.normal(0.0, sigma, _BEAMS),
     )
 
 

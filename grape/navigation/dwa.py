@@ -113,4 +113,4 @@ class Dwa(TrackingPlanner):
         v = np.linspace(min(low, max(high, o.least_v)), max(high, o.least_v), o.v_samples)
         grid = np.stack(np.meshgrid(v, w, indexing="ij"), axis=-1).reshape(-1, 2)
         spot = np.column_stack([np.zeros(len(w)), w])
-        return np.concatenate([grid, spot[np.abs(w) > 0.1]])
+        return np.concatenate([grid, spot[np.abs(w) > 0.3]])

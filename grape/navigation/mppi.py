@@ -25,7 +25,8 @@ class MppiOptions:
         v_sigma, w_sigma: m/s, rad/s of the noise on the controls.
         correlation: of the noise from one control to the next; white noise would mostly average out.
         temperature: cost at which a sequence counts 1/e of the best one.
-        lateral: 1/m², cost of being off the path; heading: of facing away from it; speed: s²/m², of another speed than
+        lateral: 1/m², cost of being off the path, from `loose` m on only linear, so that a detour is not forbidden;
+            heading: of facing away from it; speed: s²/m², of another speed than
             wanted; progress: 1/m, of what is left of the path ahead at the end; steering: s²/rad², of change of yaw
             rate; near: of touching, falling to none at `margin` m from lethal cells; contact: of contact.
     """
@@ -37,7 +38,8 @@ class MppiOptions:
     w_sigma: float = 0.35
     correlation: float = 0.85
     temperature: float = 0.02
-    lateral: float = 6.0
+    lateral: float = 25.0
+    loose: float = 0.05
     heading: float = 1.0
     speed: float = 1.0
     progress: float = 0.5
@@ -90,7 +92,7 @@ class Mppi(TrackingPlanner):
             ]
         )
         weights = np.array(
-            [o.lateral, o.heading, o.speed, o.progress, o.steering, o.near, o.margin, o.contact, o.period]
+            [o.lateral, o.heading, o.speed, o.progress, o.steering, o.near, o.margin, o.contact, o.period, o.loose]
         )
         first = (steps * 7919) % len(self._noise)
         costs, controls = rollouts(

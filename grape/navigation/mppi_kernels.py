@@ -30,11 +30,12 @@ def rollouts(
         noise: (rows, steps, 2), rows from `first` on are used, round the end.
         plan: (steps, 2) m/s, rad/s, the mean to sample around.
         limits: least v, most v, most w, and change per step of v when speeding up, when braking, and of w.
-        weights: lateral, heading, speed, progress, steering, near, margin, contact, period (s).
+        weights: lateral, heading, speed, progress, steering, near, margin, contact, period (s), loose (m).
     """
     steps = plan.shape[0]
     lateral, heading, speed, progress = weights[0], weights[1], weights[2], weights[3]
     steering, near, margin, contact, period = weights[4], weights[5], weights[6], weights[7], weights[8]
+    loose = weights[9]
     costs = np.empty(samples, dtype=np.float64)
     controls = np.empty((samples, steps, 2), dtype=np.float32)
     c0, s0 = np.cos(pose[2]), np.sin(pose[2])
@@ -72,7 +73,9 @@ def rollouts(
                 break
             k = nearest(ahead, k, x, y)
             off = -headings[k, 1] * (x - ahead[k, 0]) + headings[k, 0] * (y - ahead[k, 1])
-            cost += lateral * off * off + heading * (1.0 - c * headings[k, 0] - s * headings[k, 1])
+            aside = abs(off)
+            cost += lateral * (aside * aside if aside < loose else loose * (2.0 * aside - loose))
+            cost += heading * (1.0 - c * headings[k, 0] - s * headings[k, 1])
             cost += speed * (ahead[k, 4] - v) ** 2 + steering * (w - before) ** 2 / (period * period)
             if left < margin:
                 short = 1.0 - max(left, 0.0) / margin

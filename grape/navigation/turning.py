@@ -16,6 +16,8 @@ from grape.navigation.follower import FollowerState, FollowerStep, LocalPlanner,
 from grape.navigation.grid import LETHAL, Costmap, Footprint
 from grape.navigation.path import Path, in_frame_of
 
+_SPOT_RATE = 0.25  # rad/s
+
 
 @dataclass(frozen=True, kw_only=True)
 class TurnRoomOptions:
@@ -165,11 +167,15 @@ class RoomToTurn:
 
 
 def _turn_begun(state: FollowerState, step: FollowerStep, pose: Array) -> float:
-    """rad that the planner begins to turn on the spot with this step; 0 when it does not begin to."""
+    """rad that the planner begins to turn on the spot with this step; 0 when it does not begin to.
+
+    Outside of its phase TURN a planner turns on the spot when it stands and its yaw rate passes 0.25 rad/s: one that
+    starts to move steers a little while it is still slow.
+    """
     if step.state.phase is Phase.TURN:
         if step.state.turn_to is None or state.turn_to is not None:
             return 0.0
         return float(np.arctan2(np.sin(step.state.turn_to - pose[2]), np.cos(step.state.turn_to - pose[2])))
-    on_spot = abs(step.v) < 0.02 and abs(step.w) > 0.1 and step.state.phase is Phase.TRACK
-    was_on_spot = abs(state.command[0]) < 0.02 and abs(state.command[1]) > 0.1
+    on_spot = abs(step.v) < 0.02 and abs(step.w) > _SPOT_RATE and step.state.phase is Phase.TRACK
+    was_on_spot = abs(state.command[0]) < 0.02 and abs(state.command[1]) > _SPOT_RATE
     return float(np.copysign(0.7, step.w)) if on_spot and not was_on_spot else 0.0
