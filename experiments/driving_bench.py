@@ -1,6 +1,6 @@
 """Local planners on the same vineyards on paper: who arrives, how fast, how near, how often stuck.
 
-python -m grape.experiments.driving_bench --planner mppi --seeds 0:20 --out mppi.json
+python -m grape.experiments.driving_bench --planner mppi --seeds 0:20 --out runs/drives
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ from grape.experiments.driving_yard import (
 )
 from grape.geometry import pose as make_pose
 from grape.geometry import rotation_z
-from grape.messages import Array
+from grape.mission.record import write_atomic
 from grape.navigation.beams import beams_from_scan, scan_points
 from grape.navigation.costmap import ObstacleLayer, PolygonLayer, layered_costmap
 from grape.navigation.dwa import CLASSIC, Dwa
 from grape.navigation.follower import FollowerState, LocalPlanner, Phase, PurePursuit
-from grape.navigation.grid import Footprint, GridSpec
+from grape.navigation.grid import Costmap, Footprint, GridSpec
 from grape.navigation.monitor import speed_factor
 from grape.navigation.mppi import Mppi
 from grape.navigation.path import Path
@@ -40,7 +40,8 @@ from grape.navigation.planner import path_blocked, plan_route
 from grape.navigation.rolling import LayeredCostmap
 from grape.navigation.route import waypoints
 from grape.navigation.teb import Teb
-from grape.navigation.turning import RoomToTurn, room_to_turn
+from grape.navigation.turning import RoomToTurn
+from grape.proof import parse_seeds
 
 PLANNERS: Mapping[str, Callable[[], LocalPlanner]] = {
     "pure_pursuit": PurePursuit,
@@ -51,6 +52,7 @@ PLANNERS: Mapping[str, Callable[[], LocalPlanner]] = {
 }
 _DT = 0.1
 _MAP_S = 0.2
+_PAST_M = 0.9
 _WINDOW_M = 10.0
 _REPLAN_S = 2.0
 _STUCK_S = 6.0
@@ -74,6 +76,7 @@ class Outcome:
     off_m: float  # from the goal
     off_rad: float
     why: str = ""
+    track: Sequence[Sequence[float]] = ()  # x y yaw, every 0.3 s
 
     @property
     def success(self) -> bool:
@@ -81,9 +84,18 @@ class Outcome:
         exact = self.off_m <= 0.05 and self.off_rad <= np.radians(2.0)
         return self.reached and exact and not self.contact and not self.fence
 
+    def line(self) -> str:
+        """One line for a person."""
+        told = "there" if self.success else "FAILED"
+        marks = [name for name in ("contact", "fence") if getattr(self, name)] + [self.why] * bool(self.why)
+        return (
+            f"{self.seed} {self.kind}: {told}, {self.time_s:.1f} s, {self.driven_m:.1f} m, gap {self.least_gap_m:.3f} m,"
+            f" stuck {self.stuck}, off {100 * self.off_m:.1f} cm {np.degrees(self.off_rad):.2f} deg {', '.join(marks)}"
+        )
+
 
 class _Drive:
-    """One drive to one goal, as a supervisor would do it: it replans, waits, clears and backs off."""
+    """One drive to one goal, as a supervisor would do it: it replans, backs off, and tries from beyond the goal."""
 
     def __init__(self, place: Yard, base: Base, goal: Goal, planner: LocalPlanner) -> None:
         self.place, self.base, self.goal, self.planner = place, base, goal, planner
@@ -94,6 +106,7 @@ class _Drive:
         self.local_layers = LayeredCostmap({"obstacles": self.obstacles, "fences": self.zones}, size=_WINDOW_M)
         self.state = FollowerState()
         self.stuck = self.backing = 0
+        self.target, self.passed = goal.pose, False
         self.replan_s = self.moved_s = base.time_s
         self.moved_at = base.pose.copy()
         self.map_s = -np.inf
@@ -111,10 +124,12 @@ class _Drive:
             twist = np.array([self.base.v, self.base.w])
             step = self.planner.step(self.state, self.path, self.base.estimate(), twist, self.local, _DT)
             self.state = step.state
-            if self.state.phase is Phase.REACHED:
-                return ""
-            if self.state.phase is Phase.FAILED:
-                return str(Phase.FAILED)
+            if self.state.phase in (Phase.REACHED, Phase.FAILED):
+                if self.target is self.goal.pose and self.state.phase is Phase.REACHED:
+                    return ""
+                if self.target is self.goal.pose and self.passed:
+                    return str(Phase.FAILED)
+                self._pass_goal()
             factor = speed_factor(step.v, step.w, self.points)
             if factor == 0.0:
                 self.state = replace(self.state, command=(0.0, 0.0))
@@ -139,7 +154,7 @@ class _Drive:
     def _planned(self) -> Path:
         estimate = self.base.estimate()
         whole = layered_costmap(self.spec, [self.zones, self.obstacles])
-        return plan_route(whole, estimate, waypoints(self.place.rows, estimate, self.goal.pose))
+        return plan_route(whole, estimate, waypoints(self.place.rows, estimate, self.target))
 
     def _replan(self) -> None:
         try:
@@ -149,6 +164,14 @@ class _Drive:
         self.state = FollowerState(
             command=self.state.command, turn_gain=self.state.turn_gain, retreats=self.state.retreats
         )
+
+    def _pass_goal(self) -> None:
+        """To a place past the goal, for another approach from there, or from there to the goal."""
+        goal = self.goal.pose
+        past = goal + _PAST_M * np.array([np.cos(goal[2]), np.sin(goal[2]), 0.0])
+        self.target, self.passed = goal if self.passed else past, True
+        self.state = FollowerState(turn_gain=self.state.turn_gain)
+        self._replan()
 
     def _replan_where_blocked(self) -> None:
         since = self.state.travelled
@@ -168,7 +191,6 @@ class _Drive:
             return False
         self.stuck += 1
         self.moved_s = self.base.time_s
-        self.obstacles.forget(self.base.estimate()[:2], 3.0)
         self.backing = 20
         return True
 
@@ -209,14 +231,14 @@ def _outcome(seed: int, name: str, place: Yard, base: Base, goal: Goal, room: bo
     drive = None
     try:
         if room:
-            planner = RoomToTurn(planner, fences=layered_costmap(_whole(place), [PolygonLayer(place.fences)]))
+            planner = RoomToTurn(planner, fences=fences_of(place))
         drive = _Drive(place, base, goal, planner)
         why = drive.run(limit_s)
     except ActionFailed as failure:
         why = failure.detail
     track = np.array(base.track) if base.track else base.pose[None]
     off, turned = misses(base.pose, goal.pose)
-    gaps = [gap_to_circles(pose, place.circles, Footprint()) for pose in track[::2]]
+    least_gap = min(gap_to_circles(pose, place.circles, Footprint()) for pose in track)
     return Outcome(
         seed=seed,
         kind=goal.kind,
@@ -224,80 +246,44 @@ def _outcome(seed: int, name: str, place: Yard, base: Base, goal: Goal, room: bo
         reached=why == "",
         time_s=base.time_s - began_s,
         driven_m=base.driven - driven,
-        least_gap_m=min(gaps),
-        contact=min(gaps) < 0.0,
-        fence=any(in_fence(pose, place.fences, Footprint()) for pose in track[::2]),
+        least_gap_m=least_gap,
+        contact=least_gap < 0.0,
+        fence=any(in_fence(pose, place.fences, Footprint()) for pose in track),
         stuck=drive.stuck if drive is not None else 0,
         off_m=off,
         off_rad=turned,
         why=why,
+        track=np.round(track[::3], 3).tolist(),
     )
 
 
-def _whole(place: Yard) -> GridSpec:
-    return GridSpec.around(np.vstack([*place.fences, place.start[:2][None]]), 1.0)
+def fences_of(place: Yard) -> Costmap:
+    """Costs of the whole yard by its fences alone."""
+    spec = GridSpec.around(np.vstack([*place.fences, place.start[:2][None]]), 1.0)
+    return layered_costmap(spec, [PolygonLayer(place.fences)])
 
 
-def turning_trial(seed: int, guarded: bool) -> bool:
-    """Whether a base that is parked beside a row and turns half round there crosses the fence.
-
-    Args:
-        guarded: it first drives to where `room_to_turn` says that there is room.
-    """
-    place = yard(seed)
-    base = Base.seeded(place.goals[1].pose, seed)
-    fences = layered_costmap(_whole(place), [PolygonLayer(place.fences)])
-    away = room_to_turn(fences, base.estimate(), np.pi) if guarded else 0.0
-    if away is None:
-        return False
-    base.pose = base.pose + away * np.array([np.cos(base.pose[2]), np.sin(base.pose[2]), 0.0])
-    goal_yaw, crossed = base.pose[2] + np.pi, False
-    for _ in range(200):
-        if base.pose[2] >= goal_yaw:
-            break
-        base.drive(0.0, 0.8, _DT)
-        crossed = crossed or in_fence(base.pose, place.fences, Footprint())
-    return crossed
-
-
-def summary(outcomes: Sequence[Outcome]) -> dict[str, float | int]:
-    """Counts and means over drives; times and lengths over those that succeeded."""
-    if not outcomes:
-        raise InvalidInput("no drives to sum up")
-    good = [outcome for outcome in outcomes if outcome.success]
-    reached = [outcome for outcome in outcomes if outcome.reached]
-    return {
-        "drives": len(outcomes),
-        "success": len(good) / len(outcomes),
-        "reached": len(reached),
-        "contacts": sum(outcome.contact for outcome in outcomes),
-        "fences": sum(outcome.fence for outcome in outcomes),
-        "stuck": sum(outcome.stuck for outcome in outcomes),
-        "time_s": float(np.mean([outcome.time_s for outcome in good])) if good else np.nan,
-        "driven_m": float(np.mean([outcome.driven_m for outcome in good])) if good else np.nan,
-        "least_gap_m": min(outcome.least_gap_m for outcome in outcomes),
-        "off_m_95": float(np.percentile([outcome.off_m for outcome in reached], 95)) if reached else np.nan,
-        "off_deg_95": float(np.degrees(np.percentile([o.off_rad for o in reached], 95))) if reached else np.nan,
-    }
+def driven(folder: FilePath, name: str, seed: int) -> list[Outcome]:
+    """The drives of one planner in one vineyard: read from the folder, or driven and written there."""
+    path = folder / name / f"seed{seed}.json"
+    if path.exists():
+        return [Outcome(**drive) for drive in json.loads(path.read_text(encoding="utf-8"))]
+    outcomes = run_seed(seed, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomic(path, json.dumps([asdict(outcome) for outcome in outcomes]) + "\n")
+    return outcomes
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Runs seeds and writes every drive and the sums as JSON, after each seed anew."""
+    """Drives the vineyards of some seeds with one planner, and says how each drive went."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--planner", choices=sorted(PLANNERS), required=True)
-    parser.add_argument("--seeds", default="0:5", help="first:end, below 1000; tune below 500, report from 500 on")
-    parser.add_argument("--no-room", action="store_true", help="turn without asking for room")
-    parser.add_argument("--out", type=FilePath, required=True)
+    parser.add_argument("--seeds", default="0:5", help="FIRST:LAST below 1000; tune below 500, report from 500 on")
+    parser.add_argument("--out", type=FilePath, required=True, help="folder; seeds that it has are read")
     chosen = parser.parse_args(arguments)
-    first, end = (int(part) for part in chosen.seeds.split(":"))
-    if not 0 <= first < end <= 1000:
-        parser.error(f"seeds must lie in 0:1000, got {chosen.seeds}")
-    outcomes: list[Outcome] = []
-    for seed in range(first, end):
-        outcomes += run_seed(seed, chosen.planner, room=not chosen.no_room)
-        drives = [asdict(outcome) | {"success": bool(outcome.success)} for outcome in outcomes]
-        chosen.out.write_text(json.dumps({"summary": summary(outcomes), "drives": drives}, indent=1, default=float))
-        print(seed, summary(outcomes), flush=True)
+    for seed in parse_seeds(chosen.seeds):
+        for drive in driven(chosen.out, chosen.planner, seed):
+            print(drive.line(), flush=True)
 
 
 if __name__ == "__main__":

@@ -37,10 +37,10 @@ class DwaOptions:
     period: float = 0.1
     window_s: float | None = 0.4
     least_v: float = 0.05
-    path: float = 1.5
+    path: float = 3.0
     goal: float = 1.0
     heading: float = 0.4
-    obstacle: float = 0.3
+    obstacle: float = 0.6
     scaling: float = 12.0
     speed: float = 1.0
     goal_ahead: float = 1.2

@@ -42,8 +42,8 @@ class TebOptions:
     acceleration: float = 3.0
     time: float = 1.0
     obstacle: float = 30.0
-    path: float = 3.0
-    heading: float = 0.3
+    path: float = 8.0
+    heading: float = 1.0
     backwards: float = 3.0
 
     def __post_init__(self) -> None:

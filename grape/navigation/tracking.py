@@ -18,6 +18,8 @@ from grape.navigation.follower import FollowerState, FollowerStep, Phase, PurePu
 from grape.navigation.grid import Costmap
 from grape.navigation.path import Path
 
+_PATIENCE_S = 1.0  # with something behind that forbids to back off
+
 
 @dataclass(frozen=True, kw_only=True)
 class Situation:
@@ -50,11 +52,20 @@ class TrackingPlanner(PurePursuit):
         options: limits of the base, and how it turns and settles.
         reach: m of path that a search sees.
         hand_over: m before the goal where settling begins.
+        margin: m that the footprint is kept from lethal cells, for errors of the pose; where it is nearer already, the
+            footprint itself is.
     """
 
-    def __init__(self, options: PursuitOptions | None = None, *, reach: float = 3.0, hand_over: float = 0.35) -> None:
+    def __init__(
+        self,
+        options: PursuitOptions | None = None,
+        *,
+        reach: float = 3.0,
+        hand_over: float = 0.35,
+        margin: float = 0.03,
+    ) -> None:
         super().__init__(options)
-        self._reach, self._hand_over = reach, hand_over
+        self._reach, self._hand_over, self._margin = reach, hand_over, margin
 
     @abstractmethod
     def search(self, situation: Situation, memory: Array | None, steps: int) -> Wish:
@@ -71,6 +82,8 @@ class TrackingPlanner(PurePursuit):
     ) -> FollowerStep:
         """See `LocalPlanner.step`."""
         pose, twist = np.asarray(pose, dtype=float), np.asarray(twist, dtype=float)
+        if state.phase is Phase.RETREAT and state.blocked_s > _PATIENCE_S:
+            state = replace(state, phase=Phase.FAILED, command=(0.0, 0.0))
         if state.phase is not Phase.TRACK or not self._searches(state, path, pose):
             return super().step(replace(state, memory=None), path, pose, twist, costmap, dt)
         if not (np.isfinite(twist).all() and dt > 0):
@@ -102,7 +115,7 @@ class TrackingPlanner(PurePursuit):
             to_goal=until >= path.length,
             field=costmap.distance,
             frame=np.array([spec.x_min, spec.y_min, spec.resolution]),
-            discs=np.append(sign * centres, radius),
+            discs=np.append(sign * centres, radius + self._margin),
             dt=dt,
         )
 
@@ -152,8 +165,11 @@ class TrackingPlanner(PurePursuit):
         poses = np.column_stack(
             [pose[0] + distance * np.cos(heading), pose[1] + distance * np.sin(heading), pose[2] + yaw]
         )
-        touched = costmap.blocked(poses, options.footprint)
-        return bool(touched.any() and not touched[0])
+        for footprint in (options.footprint.grown(self._margin), options.footprint):
+            touched = costmap.blocked(poses, footprint)
+            if not touched[0]:
+                return bool(touched.any())
+        return False
 
 
 def _bend_limit(yaws: Array, options: PursuitOptions) -> Array:
