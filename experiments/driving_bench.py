@@ -89,8 +89,9 @@ class Outcome:
         told = "there" if self.success else "FAILED"
         marks = [name for name in ("contact", "fence") if getattr(self, name)] + [self.why] * bool(self.why)
         return (
-            f"{self.seed} {self.kind}: {told}, {self.time_s:.1f} s, {self.driven_m:.1f} m, gap {self.least_gap_m:.3f} m,"
-            f" stuck {self.stuck}, off {100 * self.off_m:.1f} cm {np.degrees(self.off_rad):.2f} deg {', '.join(marks)}"
+            f"{self.seed} {self.kind}: {told}, {self.time_s:.1f} s, {self.driven_m:.1f} m, "
+            f"gap {self.least_gap_m:.3f} m, stuck {self.stuck}, "
+            f"off {100 * self.off_m:.1f} cm {np.degrees(self.off_rad):.2f} deg {', '.join(marks)}"
         )
 
 

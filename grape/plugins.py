@@ -33,6 +33,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         ROBOTS: {"husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION"},
         WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
         EXPERIMENTS: {
+            "G5": "grape.experiments.g5_local_planners:EXPERIMENT",
             "G8": "grape.experiments.g8_deployment_points:EXPERIMENT",
             "G10": "grape.experiments.g10_servoing:EXPERIMENT",
             "G12": "grape.experiments.g12_nail_servoing:EXPERIMENT",

@@ -288,11 +288,15 @@ class PurePursuit:
 
     def _free_factor(self, v: float, w: float, pose: Array, costmap: Costmap) -> float:
         """The largest of 1, 1/2, 1/4 by which the motion can go on without touching anything; 0 when none can."""
-        options = self.options
+        footprint = self._kept_free(pose, costmap)
         for factor in (1.0, 0.5, 0.25):
-            if not self._touches(factor * v, factor * w, pose, costmap, options.footprint):
+            if not self._touches(factor * v, factor * w, pose, costmap, footprint):
                 return factor
         return 0.0
+
+    def _kept_free(self, pose: Array, costmap: Costmap) -> Footprint:
+        """What must not come into contact while the robot moves on from `pose`."""
+        return self.options.footprint
 
     def _touches(self, v: float, w: float, pose: Array, costmap: Costmap, footprint: Footprint) -> bool:
         options = self.options

@@ -38,8 +38,8 @@ class MppiOptions:
     w_sigma: float = 0.35
     correlation: float = 0.85
     temperature: float = 0.02
-    lateral: float = 25.0
-    loose: float = 0.05
+    lateral: float = 60.0
+    loose: float = 0.03
     heading: float = 1.0
     speed: float = 1.0
     progress: float = 0.5

@@ -15,10 +15,11 @@ from grape.errors import InvalidInput
 from grape.geometry import wrap_angle
 from grape.messages import Array
 from grape.navigation.follower import FollowerState, FollowerStep, Phase, PurePursuit, PursuitOptions, turn_gain
-from grape.navigation.grid import Costmap
-from grape.navigation.path import Path
+from grape.navigation.grid import Costmap, Footprint
+from grape.navigation.path import Path, in_frame_of
 
 _PATIENCE_S = 1.0  # with something behind that forbids to back off
+_ASTRAY_M = 0.1  # from here on the way back to the path is driven as slowly as a bend
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +112,7 @@ class TrackingPlanner(PurePursuit):
         return Situation(
             pose=np.array([pose[0], pose[1], pose[2] + turned]),
             velocity=np.array([sign * state.command[0], state.command[1] * state.turn_gain]),
-            ahead=self._ahead(path, state.travelled, until, turned),
+            ahead=self._ahead(path, state.travelled, until, turned, pose),
             to_goal=until >= path.length,
             field=costmap.distance,
             frame=np.array([spec.x_min, spec.y_min, spec.resolution]),
@@ -119,8 +120,8 @@ class TrackingPlanner(PurePursuit):
             dt=dt,
         )
 
-    def _ahead(self, path: Path, since: float, until: float, turned: float) -> Array:
-        """The piece of path ahead, at most to the goal, with the speeds that goal and bends allow."""
+    def _ahead(self, path: Path, since: float, until: float, turned: float, pose: Array) -> Array:
+        """The piece of path ahead, at most to the goal, with the speeds that goal, bends and being astray allow."""
         options = self.options
         along = np.arange(since, min(until, path.length) + 0.025, 0.05)
         k = np.clip(np.searchsorted(path.distance, along, side="right") - 1, 0, len(path.poses) - 2)
@@ -130,6 +131,9 @@ class TrackingPlanner(PurePursuit):
         stopping = np.sqrt(2.0 * options.deceleration * np.maximum(path.length - along - 0.03, 0.0))
         speed = np.minimum(options.reverse_speed if path.reverse else options.speed, stopping)
         speed = np.minimum(speed, _bend_limit(poses[:, 2], options))
+        _, across, yaw = in_frame_of(pose, np.array([*poses[0, :2], path.at(since)[2]]))
+        if abs(across) > _ASTRAY_M or abs(yaw) > options.bend:
+            speed = np.minimum(speed, options.curve_speed)
         return np.ascontiguousarray(np.column_stack([poses, along - since, np.maximum(speed, options.creep_speed)]))
 
     def _sent(
@@ -148,7 +152,9 @@ class TrackingPlanner(PurePursuit):
         v, w = float(np.clip(v, v0 - change, v0 + change)), float(np.clip(w, w0 - turn, w0 + turn))
         if self._stops_too_late(v, w, pose, costmap, dt):
             blocked = True
-            v, w = float(np.clip(0.0, v0 - brake, v0 + brake)), float(np.clip(0.0, w0 - turn, w0 + turn))
+            v = float(np.clip(0.0, v0 - brake, v0 + brake))
+            # along the arc that was free so far: who stops turning away meanwhile drives on towards what is beside
+            w = w0 * v / v0 if abs(v0) > 0.02 else float(np.clip(0.0, w0 - turn, w0 + turn))
         command = (v, w / state.turn_gain)
         state = replace(state, command=command, memory=wish.memory, blocked_s=state.blocked_s + dt if blocked else 0.0)
         return FollowerStep(
@@ -165,11 +171,12 @@ class TrackingPlanner(PurePursuit):
         poses = np.column_stack(
             [pose[0] + distance * np.cos(heading), pose[1] + distance * np.sin(heading), pose[2] + yaw]
         )
-        for footprint in (options.footprint.grown(self._margin), options.footprint):
-            touched = costmap.blocked(poses, footprint)
-            if not touched[0]:
-                return bool(touched.any())
-        return False
+        touched = costmap.blocked(poses, self._kept_free(pose, costmap))
+        return bool(touched.any() and not touched[0])
+
+    def _kept_free(self, pose: Array, costmap: Costmap) -> Footprint:
+        grown = self.options.footprint.grown(self._margin)
+        return self.options.footprint if costmap.blocked(pose, grown)[0] else grown
 
 
 def _bend_limit(yaws: Array, options: PursuitOptions) -> Array:

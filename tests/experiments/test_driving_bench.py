@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from grape.errors import InvalidInput
-from grape.experiments.driving_bench import run_seed, summary, turning_trial
-from grape.experiments.driving_yard import Base, gap_to_circles, in_fence, yard
+from grape.experiments import driving_bench
+from grape.experiments import g5_local_planners as g5
+from grape.experiments.driving_bench import Outcome, driven, run_seed
+from grape.experiments.driving_yard import Base, gap_to_circles, in_fence, scan_of, yard
+from grape.experiments.g5_local_planners import turn_crosses_fence
 from grape.navigation.grid import Footprint
 
 BOX = Footprint(front=0.5, rear=0.5, half_width=0.3)
@@ -50,19 +55,79 @@ def test_turning_base_drifts_and_its_estimate_learns_it_late():
 
 
 def test_turns_beside_a_row_cross_its_fence_unless_they_wait_for_room():
-    assert any(turning_trial(seed, guarded=False) for seed in range(4))
-    assert not any(turning_trial(seed, guarded=True) for seed in range(4))
+    assert any(turn_crosses_fence(seed, guarded=False) for seed in range(4))
+    assert not any(turn_crosses_fence(seed, guarded=True) for seed in range(4))
 
 
-def test_drive_is_judged_by_truth():
-    (outcome, *_) = run_seed(0, "pure_pursuit", limit_s=60.0)[:1]
-    assert outcome.kind == "row entry" and outcome.time_s <= 60.1
-    sums = summary([outcome])
-    assert sums["drives"] == 1 and sums["success"] == float(outcome.success)
+def test_drives_of_a_seed_are_judged_by_truth_and_driven_once(tmp_path, monkeypatch):
+    drives = driven(tmp_path, "pure_pursuit", 0)
+    assert [drive.kind for drive in drives] == ["row entry", "plant", "obstacle", "row change"]
+    place = yard(0)
+    for drive, goal in zip(drives, place.goals, strict=True):
+        assert drive.success and drive.off_m <= 0.05 and 0.0 < drive.least_gap_m < 0.6
+        assert np.hypot(*(np.array(drive.track[-1]) - goal.pose)[:2]) < 0.3
+        assert drive.driven_m > np.hypot(*(np.array(drive.track[-1]) - drive.track[0])[:2]) - 0.1
+    monkeypatch.setattr(driving_bench, "run_seed", None)
+    assert driven(tmp_path, "pure_pursuit", 0) == drives
+
+
+@pytest.mark.parametrize("change", [{"off_m": 0.051}, {"off_rad": 0.036}, {"contact": True}, {"fence": True}])
+def test_drive_that_ends_beside_its_goal_or_touches_something_is_no_success(change):
+    good = outcome("teb", 500, "plant")
+    assert good.success and not replace(good, **change).success and not replace(good, reached=False).success
+    assert "FAILED" in replace(good, **change).line() and "there" in good.line()
+
+
+def test_scanner_sees_the_nearest_circle_in_each_direction():
+    circles = np.array([[3.45, 0.0, 0.5], [5.0, 0.0, 0.5], [0.45, 2.0, 0.2], [-3.0, 0.0, 0.5]])
+    scan = scan_of(circles, np.zeros(3), np.random.default_rng(1), sigma=0.0)
+    angles = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+    assert scan.ranges[180] == pytest.approx(2.5) and scan.ranges[300] == pytest.approx(1.8)
+    seen = np.isfinite(scan.ranges)
+    assert np.abs(angles[seen & (angles < 1.0)]).max() == pytest.approx(np.arcsin(0.5 / 3.0), abs=scan.angle_increment)
+    turned = scan_of(circles, np.array([0.0, 0.0, np.pi]), np.random.default_rng(1), sigma=0.0)
+    assert turned.ranges[180] == pytest.approx(2.05)
 
 
 def test_planner_that_is_not_there_is_refused():
     with pytest.raises(InvalidInput, match="mppi"):
         run_seed(0, "unknown")
-    with pytest.raises(InvalidInput):
-        summary([])
+
+
+def test_row_tells_what_each_planner_did_and_goes_on_from_the_folder(tmp_path, monkeypatch):
+    calls = []
+
+    def run_paper_seed(seed, name):
+        calls.append((seed, name))
+        if (name, seed) == ("mppi", 501):
+            raise KeyboardInterrupt
+        drives = [outcome(name, seed, kind) for kind in g5.KINDS]
+        return [replace(drives[0], fence=True, stuck=2), *drives[1:]] if name == "dwa" else drives
+
+    monkeypatch.setattr(driving_bench, "run_seed", run_paper_seed)
+    proof = g5.run([500, 501], tmp_path, lambda share, text: None)
+    found = {quantity.name: quantity for quantity in proof.quantities}
+    assert not proof.complete and calls[-1] == (501, "mppi") and len(calls) == 10
+    assert found["mppi: drives that succeeded"].n == 4 and found["teb: drives that succeeded"].n == 8
+    assert found["dwa: drives that succeeded"].value == 0.75 and found["dwa: drives that succeeded"].met is False
+    assert found["dwa: drives that entered a fence"].value == 2.0 and found["dwa: times stuck"].value == 4.0
+    assert found["teb: time, median"].n == 3  # those in which all succeeded
+    assert len(proof.figures) == 2 and "polyline" in proof.figures[1].svg
+
+
+def outcome(name: str, seed: int, kind: str) -> Outcome:
+    return Outcome(
+        seed=seed,
+        kind=kind,
+        planner=name,
+        reached=True,
+        time_s=8.0,
+        driven_m=4.0,
+        least_gap_m=0.2,
+        contact=False,
+        fence=False,
+        stuck=0,
+        off_m=0.02,
+        off_rad=0.01,
+        track=[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]],
+    )
