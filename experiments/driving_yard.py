@@ -14,7 +14,7 @@ from grape.navigation.path import in_frame_of
 from grape.navigation.route import RouteOptions, parking_pose, row_zones
 
 T_BASE_LASER = make_pose(translation=(0.45, 0.0, 0.20))
-_FIRST, _STEP, _BEAMS = float(np.radians(-135.0)), float(np.radians(0.75)), 361
+_FIRST, _STEP, _BEAMS = -np.pi, float(np.radians(0.75)), 480
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ def _turned_pose(pose: Array, angle: float) -> Array:
 
 
 def scan_of(circles: Array, pose: Array, rng: np.random.Generator, sigma: float = 0.015) -> LaserScan:
-    """What a 270 degree scanner on the robot at `pose` (3,) sees of circles (n, 3) within 6 m."""
+    """What a robot at `pose` (3,) that looks all around, as by its 3-D LiDAR, sees of circles (n, 3) within 6 m."""
     from grape.experiments.driving_kernels import ranges_to_circles
 
     T = make_pose(rotation_z(pose[2]), (pose[0], pose[1], 0.0)) @ T_BASE_LASER

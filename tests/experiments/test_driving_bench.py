@@ -82,11 +82,12 @@ def test_scanner_sees_the_nearest_circle_in_each_direction():
     circles = np.array([[3.45, 0.0, 0.5], [5.0, 0.0, 0.5], [0.45, 2.0, 0.2], [-3.0, 0.0, 0.5]])
     scan = scan_of(circles, np.zeros(3), np.random.default_rng(1), sigma=0.0)
     angles = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
-    assert scan.ranges[180] == pytest.approx(2.5) and scan.ranges[300] == pytest.approx(1.8)
+    assert scan.ranges[240] == pytest.approx(2.5) and scan.ranges[360] == pytest.approx(1.8)
     seen = np.isfinite(scan.ranges)
-    assert np.abs(angles[seen & (angles < 1.0)]).max() == pytest.approx(np.arcsin(0.5 / 3.0), abs=scan.angle_increment)
+    assert scan.ranges[0] == pytest.approx(2.95)
+    assert np.abs(angles[seen & (np.abs(angles) < 1.0)]).max() == pytest.approx(np.arcsin(0.5 / 3.0), abs=scan.angle_increment)
     turned = scan_of(circles, np.array([0.0, 0.0, np.pi]), np.random.default_rng(1), sigma=0.0)
-    assert turned.ranges[180] == pytest.approx(2.05)
+    assert turned.ranges[240] == pytest.approx(2.05)
 
 
 def test_planner_that_is_not_there_is_refused():
