@@ -31,7 +31,7 @@ from grape.mission.record import write_atomic
 from grape.navigation.beams import beams_from_scan, scan_points
 from grape.navigation.costmap import ObstacleLayer, PolygonLayer, layered_costmap
 from grape.navigation.dwa import CLASSIC, Dwa
-from grape.navigation.follower import FollowerState, LocalPlanner, Phase, PurePursuit
+from grape.navigation.follower import FollowerState, FollowerStep, LocalPlanner, Phase, PurePursuit
 from grape.navigation.grid import Costmap, Footprint, GridSpec
 from grape.navigation.monitor import speed_factor
 from grape.navigation.mppi import Mppi
@@ -53,6 +53,7 @@ PLANNERS: Mapping[str, Callable[[], LocalPlanner]] = {
 _DT = 0.1
 _MAP_S = 0.2
 _PAST_M = 0.9
+_HELD_S = 1.5
 _WINDOW_M = 10.0
 _REPLAN_S = 2.0
 _STUCK_S = 6.0
@@ -107,7 +108,7 @@ class _Drive:
         self.local_layers = LayeredCostmap({"obstacles": self.obstacles, "fences": self.zones}, size=_WINDOW_M)
         self.state = FollowerState()
         self.stuck = self.backing = 0
-        self.target, self.passed = goal.pose, False
+        self.target, self.passed, self.held_s = goal.pose, False, 0.0
         self.replan_s = self.moved_s = base.time_s
         self.moved_at = base.pose.copy()
         self.map_s = -np.inf
@@ -124,21 +125,31 @@ class _Drive:
                 continue
             twist = np.array([self.base.v, self.base.w])
             step = self.planner.step(self.state, self.path, self.base.estimate(), twist, self.local, _DT)
-            self.state = step.state
-            if self.state.phase in (Phase.REACHED, Phase.FAILED):
-                if self.target is self.goal.pose and self.state.phase is Phase.REACHED:
-                    return ""
+            factor = speed_factor(step.v, step.w, self.points)
+            self._note(step, factor)
+            if self.state.phase is Phase.REACHED and self.target is self.goal.pose:
+                return ""
+            if self.state.phase in (Phase.REACHED, Phase.FAILED) or self.held_s > _HELD_S:
                 if self.target is self.goal.pose and self.passed:
                     return str(Phase.FAILED)
                 self._pass_goal()
-            factor = speed_factor(step.v, step.w, self.points)
-            if factor == 0.0:
-                self.state = replace(self.state, command=(0.0, 0.0))
             self._replan_where_blocked()
             self.base.drive(factor * step.v, factor * step.w, _DT)
             if self._is_stuck() and self.stuck >= _MOST_STUCK:
                 return "stuck"
         return "time is up"
+
+    def _note(self, step: FollowerStep, factor: float) -> None:
+        """The state for the next step, and for how long something has been in the way of backing off.
+
+        Args:
+            factor: by which the collision monitor slows the step.
+        """
+        gain = step.state.turn_gain if factor == 1.0 else self.state.turn_gain
+        command = (0.0, 0.0) if factor == 0.0 else step.state.command
+        self.state = replace(step.state, turn_gain=gain, command=command)
+        held = self.state.phase is Phase.RETREAT and (step.blocked or factor < 0.5)
+        self.held_s = self.held_s + _DT if held else 0.0
 
     def _sense(self) -> None:
         """A scan, and as often as missions do it a local costmap."""
@@ -207,33 +218,26 @@ class _Drive:
             self._replan()
 
 
-def run_seed(seed: int, name: str, room: bool = True, limit_s: float = 120.0) -> list[Outcome]:
-    """All drives of one vineyard, one after the other; after a failure the next one starts from its goal.
-
-    Args:
-        room: whether turns need room (`RoomToTurn`).
-    """
+def run_seed(seed: int, name: str, limit_s: float = 120.0) -> list[Outcome]:
+    """All drives of one vineyard, one after the other; after a failure the next one starts from its goal."""
     if name not in PLANNERS:
         raise InvalidInput(f"no planner {name!r}; there are {', '.join(PLANNERS)}")
     place = yard(seed)
     base, outcomes = Base.seeded(place.start, seed), []
     for goal in place.goals:
-        outcome = _outcome(seed, name, place, base, goal, room, limit_s)
+        outcome = _outcome(seed, name, place, base, goal, limit_s)
         outcomes.append(outcome)
         if not outcome.reached:
             base.pose, base.v, base.w = goal.pose.copy(), 0.0, 0.0
     return outcomes
 
 
-def _outcome(seed: int, name: str, place: Yard, base: Base, goal: Goal, room: bool, limit_s: float) -> Outcome:
+def _outcome(seed: int, name: str, place: Yard, base: Base, goal: Goal, limit_s: float) -> Outcome:
     base.track.clear()
     began_s, driven = base.time_s, base.driven
-    planner = PLANNERS[name]()
     drive = None
     try:
-        if room:
-            planner = RoomToTurn(planner, fences=fences_of(place))
-        drive = _Drive(place, base, goal, planner)
+        drive = _Drive(place, base, goal, RoomToTurn(PLANNERS[name](), fences=fences_of(place)))
         why = drive.run(limit_s)
     except ActionFailed as failure:
         why = failure.detail
