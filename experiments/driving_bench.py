@@ -166,7 +166,9 @@ class _Drive:
     def _planned(self) -> Path:
         estimate = self.base.estimate()
         whole = layered_costmap(self.spec, [self.zones, self.obstacles])
-        return plan_route(whole, estimate, waypoints(self.place.rows, estimate, self.target))
+        # from beyond the goal the way is the straight one back, not the one of a robot that comes out of a headland
+        stops = self.target[None] if self.passed else waypoints(self.place.rows, estimate, self.target)
+        return plan_route(whole, estimate, stops)
 
     def _replan(self) -> None:
         try:

@@ -85,7 +85,8 @@ def test_scanner_sees_the_nearest_circle_in_each_direction():
     assert scan.ranges[240] == pytest.approx(2.5) and scan.ranges[360] == pytest.approx(1.8)
     seen = np.isfinite(scan.ranges)
     assert scan.ranges[0] == pytest.approx(2.95)
-    assert np.abs(angles[seen & (np.abs(angles) < 1.0)]).max() == pytest.approx(np.arcsin(0.5 / 3.0), abs=scan.angle_increment)
+    ahead = angles[seen & (np.abs(angles) < 1.0)]
+    assert np.abs(ahead).max() == pytest.approx(np.arcsin(0.5 / 3.0), abs=scan.angle_increment)
     turned = scan_of(circles, np.array([0.0, 0.0, np.pi]), np.random.default_rng(1), sigma=0.0)
     assert turned.ranges[240] == pytest.approx(2.05)
 
