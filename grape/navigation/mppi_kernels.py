@@ -54,7 +54,9 @@ def rollouts(
         for t in range(steps):
             wish_v = min(limits[1], max(limits[0], plan[t, 0] + scale * noise[row, t, 0]))
             wish_w = min(limits[2], max(-limits[2], plan[t, 1] + scale * noise[row, t, 1]))
-            change = limits[4] if abs(wish_v) < abs(v) or wish_v * v < 0.0 else limits[3]
+            # without branches, which noise would make unforeseeable
+            braking = (abs(wish_v) < abs(v)) | (wish_v * v < 0.0)
+            change = limits[3] + braking * (limits[4] - limits[3])
             v = min(v + change, max(v - change, wish_v))
             before = w
             w = min(w + limits[5], max(w - limits[5], wish_w))
@@ -65,6 +67,9 @@ def rollouts(
             c, s = c * ch - s * sh, s * ch + c * sh
             x, y = x + v * period * c, y + v * period * s
             c, s = c * ch - s * sh, s * ch + c * sh
+            cost += steering * (w - before) ** 2 / (period * period)
+            if t % 2 == 0:  # every other pose is judged: they are a few centimetres apart
+                continue
             left = gap(field, frame, x, y, c, s, discs)
             if left < touching:
                 cost += contact * (1.0 + (steps - t) / steps) * steps
@@ -74,12 +79,12 @@ def rollouts(
             k = nearest(ahead, k, x, y)
             off = -headings[k, 1] * (x - ahead[k, 0]) + headings[k, 0] * (y - ahead[k, 1])
             aside = abs(off)
-            cost += lateral * (aside * aside if aside < loose else loose * (2.0 * aside - loose))
-            cost += heading * (1.0 - c * headings[k, 0] - s * headings[k, 1])
-            cost += speed * (ahead[k, 4] - v) ** 2 + steering * (w - before) ** 2 / (period * period)
+            judged = lateral * (aside * aside if aside < loose else loose * (2.0 * aside - loose))
+            judged += heading * (1.0 - c * headings[k, 0] - s * headings[k, 1]) + speed * (ahead[k, 4] - v) ** 2
             if left < margin:
                 short = 1.0 - max(left, 0.0) / margin
-                cost += near * short * short
+                judged += near * short * short
+            cost += 2.0 * judged
         along = headings[k, 0] * (x - ahead[k, 0]) + headings[k, 1] * (y - ahead[k, 1])
         costs[n] = cost / steps + progress * (length - ahead[k, 3] - along)
     return costs, controls

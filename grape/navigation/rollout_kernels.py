@@ -22,9 +22,10 @@ def gap(field: Array, frame: Array, x: float, y: float, c: float, s: float, disc
     """
     least = _FAR
     rows, columns = field.shape
+    per_metre = 1.0 / frame[2]
+    u, v, du, dv = (x - frame[0]) * per_metre, (y - frame[1]) * per_metre, c * per_metre, s * per_metre
     for n in range(discs.shape[0] - 1):
-        j = int(np.floor((x + discs[n] * c - frame[0]) / frame[2]))
-        i = int(np.floor((y + discs[n] * s - frame[1]) / frame[2]))
+        j, i = int(np.floor(u + discs[n] * du)), int(np.floor(v + discs[n] * dv))
         if 0 <= i < rows and 0 <= j < columns:
             least = min(least, field[i, j])
     return least - discs[discs.shape[0] - 1] if least < _FAR else _FAR
