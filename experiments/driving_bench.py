@@ -132,7 +132,8 @@ class _Drive:
             if self.state.phase in (Phase.REACHED, Phase.FAILED) or self.held_s > _HELD_S:
                 if self.target is self.goal.pose and self.passed:
                     return str(Phase.FAILED)
-                self._pass_goal()
+                if not self._pass_goal():
+                    return "no path for another approach"
             self._replan_where_blocked()
             self.base.drive(factor * step.v, factor * step.w, _DT)
             if self._is_stuck() and self.stuck >= _MOST_STUCK:
@@ -170,22 +171,24 @@ class _Drive:
         stops = self.target[None] if self.passed else waypoints(self.place.rows, estimate, self.target)
         return plan_route(whole, estimate, stops)
 
-    def _replan(self) -> None:
+    def _replan(self) -> bool:
+        """Another path; the old one stays where none leads."""
         try:
             self.path = self._planned()
         except ActionFailed:
-            return
+            return False
         self.state = FollowerState(
             command=self.state.command, turn_gain=self.state.turn_gain, retreats=self.state.retreats
         )
+        return True
 
-    def _pass_goal(self) -> None:
-        """To a place past the goal, for another approach from there, or from there to the goal."""
+    def _pass_goal(self) -> bool:
+        """To a place past the goal, for another approach, or from there to the goal; whether a path leads there."""
         goal = self.goal.pose
         past = goal + _PAST_M * np.array([np.cos(goal[2]), np.sin(goal[2]), 0.0])
         self.target, self.passed = goal if self.passed else past, True
         self.state = FollowerState(turn_gain=self.state.turn_gain)
-        self._replan()
+        return self._replan()
 
     def _replan_where_blocked(self) -> None:
         since = self.state.travelled

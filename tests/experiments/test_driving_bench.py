@@ -21,7 +21,7 @@ BOX = Footprint(front=0.5, rear=0.5, half_width=0.3)
 def test_every_seed_has_its_own_yard_with_goals_that_can_be_reached():
     one, again, other = yard(3), yard(3), yard(4)
     assert np.array_equal(one.circles, again.circles) and not np.array_equal(one.start, other.start)
-    for seed in range(30):
+    for seed in (*range(30), 503, 504, 552):
         place = yard(seed)
         assert [goal.kind for goal in place.goals] == ["row entry", "plant", "obstacle", "row change"]
         for pose in (place.start, *(goal.pose for goal in place.goals)):
