@@ -73,9 +73,7 @@ def yard(seed: int) -> Yard:
         Goal(kind="row entry", pose=parking_pose(plants[1, stops[0]], east, place[0])),
         Goal(kind="plant", pose=parking_pose(plants[1, stops[1]], east, place[1])),
         Goal(kind="obstacle", pose=parking_pose(plants[1, last], east, place[2])),
-        Goal(
-            kind="row change", pose=_clear_of(obstacle, np.roll(plants[change, 1 : vines - 2], 1 - wanted, 0), place[3])
-        ),
+        Goal(kind="row change", pose=_clear_of(obstacle, others, place[3])),
     )
     start = np.array([rng.uniform(-2.6, -2.0), rng.uniform(-0.5, spacing), rng.uniform(-np.pi, np.pi)])
     turn = float(rng.uniform(-0.3, 0.3))
