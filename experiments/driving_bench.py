@@ -110,8 +110,7 @@ class _Drive:
         self.stuck = self.backing = 0
         self.target, self.passed, self.held_s = goal.pose, False, 0.0
         self.replan_s = self.moved_s = base.time_s
-        self.moved_at = base.pose.copy()
-        self.map_s = -np.inf
+        self.moved_at, self.map_s = base.pose.copy(), -np.inf
         self._sense()
         self.path = self._planned()
 

@@ -10,10 +10,15 @@ import pytest
 from grape.errors import InvalidInput
 from grape.experiments import driving_bench
 from grape.experiments import g5_local_planners as g5
+from grape.experiments.bench_local_planners import SEED, costmap_update, planner_step
 from grape.experiments.driving_bench import Outcome, driven, run_seed
 from grape.experiments.driving_yard import Base, gap_to_circles, in_fence, scan_of, yard
 from grape.experiments.g5_local_planners import turn_crosses_fence
-from grape.navigation.grid import Footprint
+from grape.navigation.costmap import PolygonLayer, layered_costmap
+from grape.navigation.follower import Phase
+from grape.navigation.grid import LETHAL, Footprint
+from grape.navigation.planner import plan_path
+from grape.navigation.teb import Teb
 
 BOX = Footprint(front=0.5, rear=0.5, half_width=0.3)
 
@@ -115,6 +120,16 @@ def test_row_tells_what_each_planner_did_and_goes_on_from_the_folder(tmp_path, m
     assert found["dwa: drives that entered a fence"].value == 2.0 and found["dwa: times stuck"].value == 4.0
     assert found["teb: time, median"].n == 3  # those in which all succeeded
     assert len(proof.figures) == 2 and "polyline" in proof.figures[1].svg
+
+
+def test_what_the_bench_times_is_a_search_in_a_lane_that_was_seen():
+    place = yard(SEED)
+    pose, goal = place.goals[1].pose, place.goals[2].pose
+    costmap = costmap_update(place, pose)()
+    fences = layered_costmap(costmap.spec, [PolygonLayer(place.fences)])
+    assert (costmap.cost == LETHAL).sum() > (fences.cost == LETHAL).sum() + 3
+    step = planner_step(Teb(), plan_path(costmap, pose, goal), pose, costmap)()
+    assert step.state.phase is Phase.TRACK and step.v > 0.2 and step.state.memory is not None and not step.blocked
 
 
 def outcome(name: str, seed: int, kind: str) -> Outcome:
