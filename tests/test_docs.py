@@ -149,6 +149,7 @@ def test_python_on_a_page_runs(page: str, desk: Path, capsys: pytest.CaptureFixt
         "file_formats.md": "gobelet ['r0v1'",
         "proving_figures.md": "arm states without a collision",
         "deployment_points.md": "9 mm, score 1.00",
+        "driving.md": "at the goal",
     }[page]
     assert expected in capsys.readouterr().out
 
