@@ -15,7 +15,7 @@ from grape.geometry import rotation_z
 from grape.messages import Array
 from grape.navigation.beams import beams_from_scan
 from grape.navigation.costmap import ObstacleLayer, PolygonLayer
-from grape.navigation.follower import FollowerState, LocalPlanner
+from grape.navigation.follower import FollowerState, FollowerStep, LocalPlanner
 from grape.navigation.grid import Costmap, GridSpec
 from grape.navigation.layers import InflationLayer
 from grape.navigation.path import Path
@@ -70,16 +70,14 @@ def costmap_update(place: Yard, pose: Array) -> Callable[[], Costmap]:
 
     def update() -> Costmap:
         obstacles.integrate(beams_from_scan(scan, T_map_base, T_BASE_LASER))
-        costmap = local.update(pose)
-        assert costmap.distance.size
-        return costmap, costmap.distance
+        return local.update(pose)
 
     for _ in range(5):  # scans until what stands there counts as an obstacle
         update()
     return update
 
 
-def planner_step(planner: LocalPlanner, path: Path, pose: Array, costmap: Costmap) -> Callable[[], object]:
+def planner_step(planner: LocalPlanner, path: Path, pose: Array, costmap: Costmap) -> Callable[[], FollowerStep]:
     """One step of a planner that has driven for a second, an ideal base below it."""
     state, twist = FollowerState(), np.zeros(2)
     for _ in range(round(DRIVEN_S / 0.1)):
