@@ -1,4 +1,6 @@
-"""What can be plugged in: tasks, robots, worlds, experiments and benches, built in or of installed packages.
+"""What can be plugged in: tasks, robots, worlds, experiments, benches, costmap layers, planners.
+
+They are built in or of installed packages.
 
 A package adds its own through entry points, without grape knowing it:
 
@@ -23,6 +25,7 @@ from grape.proof import Bench, Experiment
 
 TASKS, ROBOTS, WORLDS = "grape.tasks", "grape.robots", "grape.worlds"
 EXPERIMENTS, BENCHES = "grape.experiments", "grape.benches"
+LAYERS, LOCAL_PLANNERS = "grape.costmap_layers", "grape.local_planners"
 
 BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
@@ -31,6 +34,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
         EXPERIMENTS: {
             "G2": "grape.experiments.g2_odometry:EXPERIMENT",
+            "G3": "grape.experiments.g3_mapping:EXPERIMENT",
+            "G5": "grape.experiments.g5_local_planners:EXPERIMENT",
             "G8": "grape.experiments.g8_deployment_points:EXPERIMENT",
             "G10": "grape.experiments.g10_servoing:EXPERIMENT",
             "G12": "grape.experiments.g12_nail_servoing:EXPERIMENT",
@@ -41,13 +46,26 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "G13-hanging": "grape.experiments.deployments:G13",
             "G14": "grape.experiments.deployments:G14",
             "G15": "grape.experiments.deployments:G15",
-            "G3": "grape.experiments.g3_mapping:EXPERIMENT",
             "B1": "grape.experiments.base_placement:EXPERIMENT",
             "K1": "grape.experiments.kill_resume:EXPERIMENT",
         },
         BENCHES: {
             "manipulation": "grape.experiments.bench_manipulation:BENCH",
             "navigation": "grape.experiments.bench_navigation:BENCH",
+        },
+        LAYERS: {
+            "static": "grape.navigation.layers:StaticLayer",
+            "obstacles": "grape.navigation.costmap:ObstacleLayer",
+            "polygons": "grape.navigation.costmap:PolygonLayer",
+            "denoise": "grape.navigation.layers:DenoiseLayer",
+            "footprint": "grape.navigation.layers:FootprintLayer",
+            "inflation": "grape.navigation.layers:InflationLayer",
+        },
+        LOCAL_PLANNERS: {
+            "pure_pursuit": "grape.navigation.follower:PurePursuit",
+            "dwa": "grape.navigation.dwa:Dwa",
+            "teb": "grape.navigation.teb:Teb",
+            "mppi": "grape.navigation.mppi:Mppi",
         },
     }
 )

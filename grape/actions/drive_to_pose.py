@@ -16,13 +16,16 @@ from grape.frames import FrameError
 from grape.geometry import yaw_of
 from grape.messages import Array
 from grape.navigation.beams import scan_points
-from grape.navigation.follower import FollowerState, Phase, PurePursuit, PursuitOptions
+from grape.navigation.follower import FollowerState, LocalPlanner, Phase, PursuitOptions
 from grape.navigation.grid import Costmap
 from grape.navigation.monitor import MonitorOptions, speed_factor
 from grape.navigation.path import Path, in_frame_of
 from grape.navigation.planner import PlannerOptions, path_blocked, plan_route
 from grape.navigation.route import waypoints
+from grape.navigation.turning import RoomToTurn, TurnRoomOptions
+from grape.plugins import LOCAL_PLANNERS, find, load
 
+PURE_PURSUIT = "pure_pursuit"
 CONTROL_PERIOD_S = 0.05
 SCAN_PERIOD_S = 0.10
 CLOUD_PERIOD_S = 0.30
@@ -35,17 +38,22 @@ REPLAN_S = 2.0
 MAX_REPLANS = 8
 DETOUR_S = 6.0  # standing before a long way around is taken: who walked in may leave
 STUCK_S = 12.0  # without coming nearer
+STRAYING = (Phase.TURN, Phase.RETREAT, Phase.MAKE_ROOM)  # does not come nearer meanwhile
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveGoal:
-    """Where to stand in map: x, y in metres, yaw in radians; speed in m/s, timeout_s of the whole drive."""
+    """Where to stand in map: x, y in metres, yaw in radians; speed in m/s, timeout_s of the whole drive.
+
+    planner: a plugin of the group `grape.local_planners`; all but the pure pursuit turn only where there is room.
+    """
 
     x: float
     y: float
     yaw: float
     speed: float = 0.8
     timeout_s: float = 240.0
+    planner: str = PURE_PURSUIT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +73,8 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
     target = np.array([goal.x, goal.y, goal.yaw])
     if not np.isfinite(target).all() or not 0.0 < goal.speed <= ctx.robot.description.base.max_linear:
         raise GoalRejected(f"a finite pose and a speed up to {ctx.robot.description.base.max_linear} m/s, got {goal}")
+    if goal.planner not in (known := find(LOCAL_PLANNERS)):
+        raise GoalRejected(f"no local planner {goal.planner!r}; there are {', '.join(sorted(known))}")
     with ctx.base.lease("DriveToPose") as base:
         drive = _Drive(target, goal, ctx)
         yield from drive.localized(base)
@@ -86,7 +96,12 @@ class _Drive:
         self._surroundings = site_surroundings(ctx.world.site, target[None], footprint)
         self._planner = PlannerOptions(footprint=footprint)
         self._monitor = MonitorOptions(footprint=footprint)
-        self._follower = PurePursuit(PursuitOptions(speed=goal.speed, footprint=footprint))
+        self._follower: LocalPlanner = load(LOCAL_PLANNERS, goal.planner)(
+            PursuitOptions(speed=goal.speed, footprint=footprint)
+        )
+        if goal.planner != PURE_PURSUIT:
+            room = TurnRoomOptions(footprint=footprint)
+            self._follower = RoomToTurn(self._follower, room, self._surroundings.fences())
         self._state = FollowerState()
         self._path: Path | None = None
         self._local: Costmap | None = None
@@ -219,7 +234,7 @@ class _Drive:
             raise ActionFailed(Reason.BLOCKED, "cannot settle on the goal within its tolerances")
         left = float(np.hypot(*(pose[:2] - self._target[:2]))) + abs(in_frame_of(pose, self._target)[2])
         path_left = self._path.length - self._state.travelled if self._path is not None else 0.0
-        if path_left + 0.1 * left < self._nearest - 0.02 or self._state.phase in (Phase.TURN, Phase.RETREAT):
+        if path_left + 0.1 * left < self._nearest - 0.02 or self._state.phase in STRAYING:
             self._nearest, self._nearer_s = path_left + 0.1 * left, now
         if not blocked:
             self._free_s = now

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from grape.actions.calibration import adopt_offsets, remember_offsets
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
+from grape.actions.drive_to_pose import PURE_PURSUIT, DriveGoal, drive_to_pose
 from grape.actions.obstacles import OBSTACLES, UNSEEN
 from grape.messages import Array
 from grape.navigation.route import RouteOptions, park_beside
@@ -27,10 +27,12 @@ class DriveToPlantGoal:
     Attributes:
         plant: id in the site file.
         speed: m/s.
+        planner: name of a local planner.
     """
 
     plant: str
     speed: float = 0.8
+    planner: str = PURE_PURSUIT
 
 
 @action("DriveToPlant")
@@ -51,7 +53,7 @@ def drive_to_plant(goal: DriveToPlantGoal, ctx: Context) -> Generator[Feedback, 
     x, y, yaw = (float(v) for v in stop_pose(ctx.world.site, goal.plant, stop))
     place = {"ahead_m": stop.ahead_m, "beside_m": stop.beside_m}
     with ctx.ledger.step("drive", goal.plant, moves_base=True, **place):
-        result = yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed), ctx)
+        result = yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed, planner=goal.planner), ctx)
     remember_offsets(ctx)
     ctx.ledger.remember(PARKED, [goal.plant, stop.ahead_m, stop.beside_m])
     ctx.world.committed[PARKED] = (goal.plant, stop.ahead_m, stop.beside_m)
