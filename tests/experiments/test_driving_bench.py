@@ -10,7 +10,7 @@ import pytest
 from grape.errors import InvalidInput
 from grape.experiments import driving_bench
 from grape.experiments import g5_local_planners as g5
-from grape.experiments.bench_local_planners import SEED, costmap_update, planner_step
+from grape.experiments.bench_navigation.local_planners import SEED, costmap_update, planner_step
 from grape.experiments.driving_bench import Outcome, driven, run_seed
 from grape.experiments.driving_yard import Base, gap_to_circles, in_fence, scan_of, yard
 from grape.experiments.g5_local_planners import turn_crosses_fence

@@ -1,4 +1,4 @@
-"""How long a step of each local planner and an update of the local costmap take: comparisons for a bench."""
+"""How long a step of each local planner and an update of the local costmap take."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SEED = 3
 DRIVEN_S = 1.0  # before the step that is timed
 
 
-def comparisons() -> tuple[Comparison, ...]:
+def rows() -> list[Comparison]:
     """A costmap update of 10 m by 10 m at 5 cm, and one step of each planner past an obstacle in a lane."""
     place = yard(SEED)
     pose = place.goals[1].pose
@@ -40,7 +40,7 @@ def comparisons() -> tuple[Comparison, ...]:
     update_s, field_s, *step_s = seconds(update, field, *steps, rounds=15, repeats=5)
     goals = {"mppi": "<= 5"}
     titles = {"mppi": "step of mppi, 2,000 sequences of 56 controls"}
-    return (
+    return [
         Comparison(
             quantity="costmap update, 10 x 10 m at 5 cm: scan, fences, inflation", unit="ms",
             value=1e3 * update_s, value_goal="<= 3",
@@ -53,7 +53,7 @@ def comparisons() -> tuple[Comparison, ...]:
             )
             for name, taken in zip(names, step_s, strict=True)
         ),
-    )  # fmt: skip
+    ]  # fmt: skip
 
 
 def _distance(costmap: Costmap) -> Array:
