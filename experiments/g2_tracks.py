@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,11 +85,17 @@ def by_wheels(log: SkidSteerLog) -> Track:
     return Track(stamps=log.stamps[looks], said=(true[0] + moved)[looks], true=true[looks], covariances=np.empty(0))
 
 
+def _places(fixes: Sequence[Reading]) -> Array:
+    """(n, 2) m, east and north of the antenna at fixes."""
+    geodetic = [fix.geodetic for fix in fixes if fix.geodetic is not None]
+    return np.array([enu_from_geodetic(DATUM, *place)[:2] for place in geodetic])
+
+
 def by_gnss(log: SkidSteerLog) -> Track:
     """The place of the antenna by the newest fix that has come, held until the next; it gives no heading."""
     fixes = [reading for reading in log.readings if reading.sensor == "gnss"]
     came = np.array([fix.stamp for fix in fixes]) + log.noise.gnss_delay_s
-    places = np.array([enu_from_geodetic(DATUM, *fix.geodetic)[:2] for fix in fixes])
+    places = _places(fixes)
     stamps = np.arange(came[0], log.stamps[-1], LOOK_S)
     newest = np.searchsorted(came, stamps + 1e-9, side="right") - 1
     true = log.antenna[[log.index(stamp) for stamp in stamps], :2]
@@ -100,7 +106,7 @@ def at_its_fixes(log: SkidSteerLog) -> Track:
     """The same, asked for the very time at which each fix was measured."""
     fixes = [reading for reading in log.readings if reading.sensor == "gnss"]
     stamps = np.array([fix.stamp for fix in fixes])
-    places = np.array([enu_from_geodetic(DATUM, *fix.geodetic)[:2] for fix in fixes])
+    places = _places(fixes)
     true = log.antenna[[log.index(stamp) for stamp in stamps], :2]
     return Track(stamps=stamps, said=places, true=true, covariances=np.empty(0))
 

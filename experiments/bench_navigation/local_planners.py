@@ -14,7 +14,7 @@ from grape.geometry import pose as make_pose
 from grape.geometry import rotation_z
 from grape.messages import Array
 from grape.navigation.beams import beams_from_scan
-from grape.navigation.costmap import ObstacleLayer, PolygonLayer
+from grape.navigation.costmap import Layer, ObstacleLayer, PolygonLayer
 from grape.navigation.follower import FollowerState, FollowerStep, LocalPlanner
 from grape.navigation.grid import Costmap, GridSpec
 from grape.navigation.layers import InflationLayer
@@ -63,7 +63,7 @@ def _distance(costmap: Costmap) -> Array:
 def costmap_update(place: Yard, pose: Array) -> Callable[[], Costmap]:
     """What comes with each scan: mark and clear, fences and inflation."""
     obstacles = ObstacleLayer(GridSpec.window(pose[:2], 10.0))
-    layers = {"obstacles": obstacles, "fences": PolygonLayer(place.fences), "near": InflationLayer()}
+    layers: dict[str, Layer] = {"obstacles": obstacles, "fences": PolygonLayer(place.fences), "near": InflationLayer()}
     local = LayeredCostmap(layers, size=10.0)
     T_map_base = make_pose(rotation_z(pose[2]), (pose[0], pose[1], 0.0))
     scan = scan_of(place.circles, pose, np.random.default_rng(SEED))

@@ -216,10 +216,10 @@ def to_camera(T_base_camera, p_base):
 
 
 @njit(cache=True)
-def holding_twist(T_base_camera, v_camera, rotation, orientation_gain):
-    """Twist (6,) along the base axes: a velocity of the optical frame, and the turn back to `rotation` (3, 3)."""
+def holding_twist(T_base_camera, v_camera, T_base_start, orientation_gain):
+    """Twist (6,) along the base axes: a velocity of the optical frame, and the turn back to `T_base_start` (4, 4)."""
     twist = np.zeros(6)
-    rotation_between(rotation, T_base_camera, twist[3:])
+    rotation_between(T_base_start, T_base_camera, twist[3:])
     for r in range(3):
         twist[3 + r] *= orientation_gain
         for c in range(3):

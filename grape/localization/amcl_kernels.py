@@ -97,7 +97,7 @@ def slot_of(table: Array, x: float, y: float, yaw: float, bin_size: Array) -> tu
         slot = (slot + 1) & (table.size - 1)
     new = bool(table[slot] == -1)
     table[slot] = key
-    return slot, new
+    return int(slot), new
 
 
 @njit(cache=True)
