@@ -27,7 +27,10 @@ EXPERIMENTS, BENCHES = "grape.experiments", "grape.benches"
 BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         TASKS: {"dispenser": "grape.tasks.dispenser:TASK"},
-        ROBOTS: {"husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION"},
+        ROBOTS: {
+            "husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION",
+            "robi_jaco2": "grape.robots.robi_jaco2:DESCRIPTION",
+        },
         WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
         EXPERIMENTS: {
             "G8": "grape.experiments.g8_deployment_points:EXPERIMENT",

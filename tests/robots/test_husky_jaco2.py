@@ -13,7 +13,7 @@ from grape.robots.husky_jaco2 import DESCRIPTION
 @cache
 def scene():
     """The robot on flat ground with its arm at home."""
-    spec = mujoco.MjSpec.from_string(DESCRIPTION.mjcf.read_text(), assets=DESCRIPTION.assets())
+    spec = mujoco.MjSpec.from_file(str(DESCRIPTION.mjcf))
     spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[20, 20, 0.1], contype=1, conaffinity=4)
     return spec.compile()
 
