@@ -11,8 +11,11 @@ from paper_robot import Bench
 
 from grape.actions.move_arm import find_postures
 from grape.actions.obstacles import UNSEEN
+from grape.actions.robot import build_robot
 from grape.planning import StaticBox
+from grape.robots import RobotDescription
 from grape.robots.husky_jaco2 import DESCRIPTION
+from grape.robots.robi_jaco2 import DESCRIPTION as ROBI
 from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, sweep_path
 from grape.tasks.dispenser.row import ROW
 from grape.tasks.dispenser.stops import (
@@ -33,15 +36,15 @@ HEIGHT = DESCRIPTION.base.height
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def at(stop: Stop, targets: tuple[HangTarget, ...]) -> list[HangTarget]:
+def at(stop: Stop, targets: tuple[HangTarget, ...], robot: RobotDescription = DESCRIPTION) -> list[HangTarget]:
     """Targets in base_link at a stop, from those relative to the plant."""
-    shift = np.array([*stop.plant_in_base(DESCRIPTION), 0.0])
+    shift = np.array([*stop.plant_in_base(robot), 0.0])
     return [replace(t, tip=t.tip + shift) for t in targets]
 
 
 def reached(robot: Any, stop: Stop, targets: tuple[HangTarget, ...]) -> int:
     """How many targets the arm reaches with some room."""
-    return sum(margins_of(robot, orientations(target)).max() > 0.25 for target in at(stop, targets))
+    return sum(margins_of(robot, orientations(target)).max() > 0.25 for target in at(stop, targets, robot.description))
 
 
 def test_more_of_the_usual_spurs_are_reached_than_from_before_or_behind_the_vine(robot_models: Any) -> None:
@@ -65,6 +68,15 @@ def test_a_dispenser_in_the_hand_has_room_in_the_sweep_of_a_scan(robot_models: A
 def test_nails_are_reached_although_arm_and_base_err_by_5_cm(robot_models: Any, height: float) -> None:
     stop = first_stop(robot_models, "nail", height, 0.1325)
     assert margins_of(robot_models, at(stop, usual_nails(HEIGHT, height, 0.1325))).min() > 0.5
+
+
+def test_robi_reaches_vines_and_nails_from_the_same_stops(robot_models: Any) -> None:
+    robi = build_robot(ROBI)
+    spurs, nails = usual_spurs(ROBI.base.height), usual_nails(ROBI.base.height, 0.8, 0.1325)
+    stops = first_stop(robi, "vine"), first_stop(robi, "nail", 0.8, 0.1325)
+    assert stops == (first_stop(robot_models, "vine"), first_stop(robot_models, "nail", 0.8, 0.1325))
+    assert reached(robi, stops[0], spurs) >= len(spurs) - 1
+    assert margins_of(robi, at(stops[1], nails, ROBI)).min() > 0.5
 
 
 def test_abreast_of_the_arm_a_nail_is_out_of_reach(robot_models: Any) -> None:
