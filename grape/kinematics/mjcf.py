@@ -63,15 +63,14 @@ def read_mjcf(path: Path) -> _Element:
         InvalidInput: a file cannot be read, or is included twice.
     """
     root, included = _parse(path), {path.resolve()}
-    while (place := next((e for e in root.iter() if e.find("include") is not None), None)) is not None:
-        include = place.find("include")
-        assert include is not None
+    while places := [(parent, child) for parent in root.iter() for child in parent if child.tag == "include"]:
+        parent, include = places[0]
         file = (path.parent / include.get("file", "")).resolve()
         if file in included:
             raise InvalidInput(f"{path}: {include.get('file')} is included twice")
         included.add(file)
-        index = list(place).index(include)
-        place[index : index + 1] = list(_parse(file))
+        index = list(parent).index(include)
+        parent[index : index + 1] = list(_parse(file))
     return root
 
 
