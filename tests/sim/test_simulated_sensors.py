@@ -134,7 +134,8 @@ def test_the_scanners_of_robi_look_ahead(simulate):
     x, y, z = cloud.points.T
     assert np.degrees(np.abs(np.arctan2(y, x)).max()) < 42.6
     layers, counts = np.unique(np.round(np.degrees(np.arctan2(z, np.hypot(x, y))), 3), return_counts=True)
-    assert layers == pytest.approx([-1.2, -0.4, 0.4, 1.2]) and counts[0] == 341, "the lowest layer meets the ground"
+    assert layers == pytest.approx([-1.2, -0.4, 0.4, 1.2])
+    assert counts[0] == counts.max() > 250, "the lowest layer meets the ground most"
     points = transform(simulation.referee.true_pose() @ ROBI.mounts["ld_mrs"].T_parent_sensor, cloud.points)
     assert np.abs(np.median(points[:, 2])) < 0.03, "tilted forward, it sees the ground"
     scan = simulation.drivers.scans["front_laser"].latest()
