@@ -51,6 +51,11 @@ WorldFile = Annotated[
 ]
 
 
+Robot = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Another robot (see `grape list`); the same as --set robot=NAME.")
+]
+
+
 @app.command()
 def run(
     mission: Annotated[
@@ -62,6 +67,7 @@ def run(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="New run folder; default: runs/<mission>-seed<N>-<n>.")
     ] = None,
+    robot: Robot = None,
     world: WorldFile = None,
     assignments: Assignments = None,
     render: Annotated[
@@ -76,7 +82,7 @@ def run(
     """
     from grape.mission.command import run_command
 
-    raise typer.Exit(EXIT[run_command(mission, seed, out, world, assignments or [], render)])
+    raise typer.Exit(EXIT[run_command(mission, seed, out, world, _with_robot(robot, assignments), render)])
 
 
 @app.command()
@@ -277,13 +283,18 @@ def render(
     subject: Annotated[str, typer.Argument(help="A mission or a world by name or YAML file, or a site's GeoJSON.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pictures.")] = Path("renders"),
     seed: Annotated[int | None, typer.Option(metavar="N", help="Seed of the world.", min=0)] = None,
+    robot: Robot = None,
     assignments: Assignments = None,
 ) -> None:
     """Take pictures of world and robot, without a mission."""
     from grape.mission.pictures import render_scene
 
-    for path in render_scene(subject, out, seed, assignments or []):
+    for path in render_scene(subject, out, seed, _with_robot(robot, assignments)):
         typer.echo(str(path))
+
+
+def _with_robot(robot: str | None, assignments: list[str] | None) -> list[str]:
+    return [*(assignments or []), *([f"robot={robot}"] if robot is not None else [])]
 
 
 def main() -> None:

@@ -30,7 +30,10 @@ LAYERS, LOCAL_PLANNERS = "grape.costmap_layers", "grape.local_planners"
 BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         TASKS: {"dispenser": "grape.tasks.dispenser:TASK"},
-        ROBOTS: {"husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION"},
+        ROBOTS: {
+            "husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION",
+            "robi_jaco2": "grape.robots.robi_jaco2:DESCRIPTION",
+        },
         WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
         EXPERIMENTS: {
             "G2": "grape.experiments.g2_odometry:EXPERIMENT",

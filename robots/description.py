@@ -28,10 +28,14 @@ class _Frozen:
 
 @dataclass(frozen=True, kw_only=True)
 class Mount(_Frozen):
-    """Where a sensor sits: `T_parent_sensor` (4, 4), x forward for scanners, z forward for `camera_optical`."""
+    """Where a sensor sits: `T_parent_sensor` (4, 4), x forward for scanners, z forward for `camera_optical`.
+
+    `model` is what its maker calls it, for sensors of which a driver knows several.
+    """
 
     parent: str
     T_parent_sensor: Array
+    model: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,6 +46,7 @@ class BaseDescription(_Frozen):
     the geometric one.
     """
 
+    height: float  # m, base_link over flat ground
     wheel_joints: tuple[str, ...]  # front left, front right, rear left, rear right
     wheel_actuators: tuple[str, ...]
     wheel_radius: float  # m
@@ -52,8 +57,10 @@ class BaseDescription(_Frozen):
     max_angular: float  # rad/s
     max_linear_acceleration: float  # m/s^2
     max_angular_acceleration: float  # rad/s^2
+    half_width: float  # m, base_link to the side from which the distance to a row is told
     footprint: Array  # (4, 2) m in base_link, counter-clockwise
     command_timeout: float  # s
+    ticks_per_metre: float  # of the wheel encoders, along the ground
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,11 +146,6 @@ class RobotDescription:
     drivers: Mapping[str, str]
     collision_group: int = 3  # geom group of the shapes that planners use
     frames: Mapping[str, str] = field(default_factory=dict)  # other named frames -> what they are
-
-    def assets(self) -> dict[str, bytes]:
-        """Every mesh and texture beside the MJCF, by file name, as MuJoCo's `assets` argument takes them."""
-        folder = self.mjcf.parent
-        return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.suffix in {".png", ".stl"}}
 
     def T_base_link_sensor(self, name: str) -> Array:
         """Pose of a sensor that is fixed to base_link (4, 4)."""

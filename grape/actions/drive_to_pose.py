@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.shortest_way import footprint_of, site_surroundings
+from grape.actions.shortest_way import footprint_of, route_options, site_surroundings
 from grape.drivers import BaseDriver
 from grape.errors import ActionFailed, GoalRejected, Reason, StaleData
 from grape.frames import FrameError
@@ -92,8 +92,9 @@ class _Drive:
 
     def __init__(self, target: Array, goal: DriveGoal, ctx: Context) -> None:
         self._ctx, self._goal, self._target = ctx, goal, target
-        footprint = footprint_of(ctx.robot.description.base.footprint)
-        self._surroundings = site_surroundings(ctx.world.site, target[None], footprint)
+        base = ctx.robot.description.base
+        footprint = footprint_of(base.footprint)
+        self._surroundings = site_surroundings(ctx.world.site, target[None], base)
         self._planner = PlannerOptions(footprint=footprint)
         self._monitor = MonitorOptions(footprint=footprint)
         self._follower: LocalPlanner = load(LOCAL_PLANNERS, goal.planner)(
@@ -261,7 +262,8 @@ class _Drive:
 
     def _plan_arguments(self) -> tuple[Any, ...]:
         pose = self._pose()
-        stops = waypoints(self._ctx.world.site.rows, pose, self._target)
+        options = route_options(self._ctx.robot.description)
+        stops = waypoints(self._ctx.world.site.rows, pose, self._target, options)
         return self._surroundings.overall(), pose, stops, self._planner
 
     def _pose(self) -> Array:

@@ -16,6 +16,7 @@ from grape.geometry import pose as make_pose
 from grape.geometry import rotation_z
 from grape.messages import JointState, LaserScan, Odometry, Twist
 from grape.navigation.path import in_frame_of
+from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.site import Area, Row, Site
 from grape.world import World
 
@@ -93,10 +94,12 @@ def site(*fences: Area) -> Site:
 def setting(scan):
     def make(pose=(-3.0, -0.8, 0.0), fences: tuple[Area, ...] = ()) -> tuple[Machine, core.Context]:
         machine = Machine(scan, pose)
-        base = SimpleNamespace(max_linear=1.0, footprint=np.array([[0.495, 0.343], [-0.495, -0.343]]))
         mount = SimpleNamespace(parent="base_link", T_parent_sensor=T_BASE_LASER)
         description = SimpleNamespace(
-            base=base, mounts={"front_laser": mount}, T_base_link_sensor=lambda name: T_BASE_LASER
+            base=DESCRIPTION.base,
+            arm=DESCRIPTION.arm,
+            mounts={"front_laser": mount},
+            T_base_link_sensor=lambda name: T_BASE_LASER,
         )
         none: Any = SimpleNamespace(stop=lambda: None)
         drivers = Drivers(

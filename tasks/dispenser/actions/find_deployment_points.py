@@ -19,7 +19,7 @@ from grape.tasks.dispenser.actions.scan_vine import VineScan
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
 from grape.tasks.dispenser.perception.depth_view import DepthView
 from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, MergeOptions, extract_poses, merge_poses, rank
-from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, plant_in_base
+from grape.tasks.dispenser.row import plant_in_base
 from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, margins_of, orientations
 from grape.tasks.dispenser.targets import HangTarget, hang_line, remember_spurs
 
@@ -65,7 +65,7 @@ def find_deployment_points(
     goal: FindDeploymentPointsGoal, ctx: Context
 ) -> Generator[Feedback, None, FindDeploymentPointsResult]:
     """Extracts spurs from the scan, ranks them and keeps those that the hand reaches without touching the vine."""
-    box = vine_box(goal, plant_in_base(ctx, goal.plant))
+    box = vine_box(goal, plant_in_base(ctx, goal.plant), ctx.robot.description.base.height)
     looks: list[Look] = []
     for k in range(len(goal.scan.images)):
         looks.append((yield from ctx.jobs.run(look, goal.scan, k, box)))
@@ -109,15 +109,16 @@ class Look:
     poses: tuple[DeploymentPose, ...]
 
 
-def vine_box(goal: FindDeploymentPointsGoal, foot: Array) -> Box:
+def vine_box(goal: FindDeploymentPointsGoal, foot: Array, base_height: float) -> Box:
     """What belongs to the vine: its half of the way to its neighbours, off the ground.
 
     Args:
         goal: with the limits.
         foot: (2,) m or more, where the trunk stands, in base_link.
+        base_height: m, of base_link over the ground.
     """
     reach = np.array([goal.half_width_m, goal.depth_m])
-    low, high = (height - GROUND_CLEARANCE_M for height in goal.height_m)
+    low, high = (height - base_height for height in goal.height_m)
     return np.array([*(foot[:2] - reach), low]), np.array([*(foot[:2] + reach), high])
 
 
