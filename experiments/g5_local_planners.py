@@ -9,6 +9,7 @@ import numpy as np
 
 from grape.experiments.driving_bench import PLANNERS, Outcome, driven, fences_of
 from grape.experiments.driving_yard import Base, Yard, in_fence, yard
+from grape.mission.command import Cancellation
 from grape.mission.svg import PALETTE, Frame, drawing, interval_chart, legend, tag
 from grape.navigation.grid import Footprint
 from grape.navigation.turning import room_to_turn
@@ -35,17 +36,20 @@ Drives = Mapping[str, Sequence[Outcome]]
 
 
 def run(seeds: Sequence[int], folder: Path, progress: Callable[[float, str], None]) -> Proof:
-    """Every planner in each vineyard; drives that the folder has are not driven again."""
-    drives: dict[str, list[Outcome]] = {name: [] for name in PLANNERS}
-    complete, count = True, len(seeds) * len(PLANNERS)
-    try:
-        for k, seed in enumerate(seeds):
-            for n, name in enumerate(PLANNERS):
-                progress((k * len(PLANNERS) + n) / count, f"{name}, seed {seed}")
-                drives[name] += driven(folder, name, seed)
-    except KeyboardInterrupt:
-        complete = False
-        drives = {name: _there(folder, name, seeds) for name in PLANNERS}
+    """Every planner in each vineyard; drives that the folder has are not driven again.
+
+    When it is asked to stop, it ends the vineyard at hand, and the figures are of what was driven so far.
+    """
+    cancellation = Cancellation()
+    tasks = [(seed, name) for seed in seeds for name in PLANNERS]
+    with cancellation.listening():
+        for k, (seed, name) in enumerate(tasks):
+            if cancellation():
+                break
+            progress(k / len(tasks), f"{name}, seed {seed}")
+            driven(folder, name, seed)
+    drives = {name: _there(folder, name, seeds) for name in PLANNERS}
+    complete = all((folder / name / f"seed{seed}.json").exists() for seed, name in tasks)
     done = sorted({drive.seed for found in drives.values() for drive in found})
     return Proof(
         quantities=(*quantities(drives), *turning_quantities(done)),
