@@ -93,6 +93,11 @@ def yaw_of(T: Array) -> float:
     return float(np.arctan2(T[1, 0], T[0, 0]))
 
 
+def planar_of(T: Array) -> Array:
+    """(3,) x, y (m) and yaw (rad) of a pose (4, 4)."""
+    return np.array([T[0, 3], T[1, 3], yaw_of(T)])
+
+
 def quaternion_to_rotation(q: Array) -> Array:
     """Rotation matrix of a quaternion wxyz; it is normalised first.
 

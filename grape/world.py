@@ -12,7 +12,26 @@ from typing import Any
 from grape.errors import StaleData
 from grape.frames import FrameTree
 from grape.messages import Array, GripperState, JointState, Odometry
+from grape.navigation.path import Path
+from grape.navigation.surroundings import Surroundings
 from grape.site import Site
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driving:
+    """What a drive goes by.
+
+    Args:
+        path: it follows.
+        surroundings: obstacles and prohibited areas as it knows them; they change while it drives.
+        scan: (n, 2) m in base_link, hits of the newest horizontal scans.
+        scan_pose: (3,) x y yaw of base_link in map when the newest of them was taken.
+    """
+
+    path: Path
+    surroundings: Surroundings
+    scan: Array
+    scan_pose: Array
 
 
 @dataclass(kw_only=True)
@@ -29,6 +48,7 @@ class World:
     arm: JointState | None = None  # joint angles less `encoder_offsets`
     encoder_offsets: Array | None = None  # (n,) rad by which the arm's encoders tell too much; None: not calibrated
     gripper: GripperState | None = None
+    driving: Driving | None = None  # while the base drives
     committed: dict[str, Any] = field(default_factory=dict)  # results of actions by name, for later actions
 
     def base_pose(self) -> Array:

@@ -17,6 +17,7 @@ from grape.sim.compose import BASE_BODY
 from grape.sim.hanging import DispenserPlace, HangingJudge, census
 from grape.sim.parts import Part, PartTable
 from grape.sim.physics import Physics
+from grape.sim.standing import standing_cells
 from grape.sim.worlds.model import World
 
 _PATH_PERIOD_STEPS = 100  # 5 Hz
@@ -118,6 +119,7 @@ class Referee:
 
     def __init__(self, physics: Physics, world: World, robot: RobotDescription) -> None:
         self._physics = physics
+        self._world = world
         self._parts = PartTable.of(physics.model, world, robot)
         self._judge = HangingJudge(physics, world, self._parts, robot.feeder.pitch)
         self._footprint = robot.base.footprint
@@ -245,6 +247,10 @@ class Referee:
             },
             "localization": self._errors.summary(),
         }
+
+    def standing(self) -> Array:
+        """(n, 2) m in map, what stands in the world at the height of the robot, as middles of cells."""
+        return standing_cells(self._world)
 
     @property
     def tallies(self) -> tuple[Any, ...]:

@@ -13,7 +13,7 @@ from grape.actions.shortest_way import footprint_of, route_options, site_surroun
 from grape.drivers import BaseDriver
 from grape.errors import ActionFailed, GoalRejected, Reason, StaleData
 from grape.frames import FrameError
-from grape.geometry import yaw_of
+from grape.geometry import planar_of
 from grape.messages import Array
 from grape.navigation.beams import scan_points
 from grape.navigation.follower import FollowerState, LocalPlanner, Phase, PursuitOptions
@@ -24,6 +24,7 @@ from grape.navigation.planner import PlannerOptions, path_blocked, plan_route
 from grape.navigation.route import waypoints
 from grape.navigation.turning import RoomToTurn, TurnRoomOptions
 from grape.plugins import LOCAL_PLANNERS, find, load
+from grape.world import Driving
 
 PURE_PURSUIT = "pure_pursuit"
 CONTROL_PERIOD_S = 0.05
@@ -77,13 +78,16 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
         raise GoalRejected(f"no local planner {goal.planner!r}; there are {', '.join(sorted(known))}")
     with ctx.base.lease("DriveToPose") as base:
         drive = _Drive(target, goal, ctx)
-        yield from drive.localized(base)
-        yield from drive.plan(base)
-        while not drive.arrived:
-            drive.beat(base)
-            yield drive.feedback()
-            if drive.wants_plan:
-                yield from drive.replan(base)
+        try:
+            yield from drive.localized(base)
+            yield from drive.plan(base)
+            while not drive.arrived:
+                drive.beat(base)
+                yield drive.feedback()
+                if drive.wants_plan:
+                    yield from drive.replan(base)
+        finally:
+            ctx.world.driving = None
         return drive.result()
 
 
@@ -106,7 +110,7 @@ class _Drive:
         self._state = FollowerState()
         self._path: Path | None = None
         self._local: Costmap | None = None
-        self._points = np.empty((0, 2))
+        self._points, self._scan_pose = np.empty((0, 2)), np.zeros(3)
         self._command = (0.0, 0.0)
         self._due: dict[str, float] = {}
         self._begun_s = ctx.clock.now()
@@ -267,8 +271,7 @@ class _Drive:
         return self._surroundings.overall(), pose, stops, self._planner
 
     def _pose(self) -> Array:
-        T_map_base = self._ctx.world.base_pose()
-        return np.array([T_map_base[0, 3], T_map_base[1, 3], yaw_of(T_map_base)])
+        return planar_of(self._ctx.world.base_pose())
 
     def _fresh(self, now: float) -> bool:
         """Whether pose and scans are young enough.
@@ -318,6 +321,7 @@ class _Drive:
                         continue
                     self._surroundings.add_scan(name, scan, self._pose_at(scan.stamp), T_base_sensor)
                     points.append(scan_points(scan, T_base_sensor)[:, :2])
+                    self._scan_pose = planar_of(self._pose_at(scan.stamp))
             self._points = np.vstack(points)
         if self._is_due("cloud", CLOUD_PERIOD_S) or force:
             for name, driver_ in drivers.clouds.items():
@@ -327,6 +331,10 @@ class _Drive:
                     self._surroundings.add_cloud(name, cloud, self._pose_at(cloud.stamp), T_base_sensor)
         if self._is_due("map", MAP_PERIOD_S) or force:
             self._local = self._surroundings.local(self._pose()[:2])
+        if self._path is not None:
+            self._ctx.world.driving = Driving(
+                path=self._path, surroundings=self._surroundings, scan=self._points, scan_pose=self._scan_pose
+            )
 
     @staticmethod
     def _latest(driver: Any) -> Any:

@@ -9,7 +9,7 @@ import numpy as np
 
 from grape.actions.core import Context
 from grape.errors import ActionFailed, Reason
-from grape.geometry import yaw_of
+from grape.geometry import planar_of
 from grape.messages import Array
 from grape.navigation.beams import ScanOptions, SliceOptions
 from grape.navigation.costmap import InflationOptions
@@ -26,8 +26,7 @@ def shortest_way(ctx: Context, goals: Sequence[tuple[float, float, float]]) -> i
     Raises:
         ActionFailed: NO_PATH, with what was wrong with the last, when none can be reached.
     """
-    T_map_base, targets = ctx.world.base_pose(), np.array(goals)
-    pose = np.array([T_map_base[0, 3], T_map_base[1, 3], yaw_of(T_map_base)])
+    pose, targets = planar_of(ctx.world.base_pose()), np.array(goals)
     description = ctx.robot.description
     footprint = footprint_of(description.base.footprint)
     costs = site_surroundings(ctx.world.site, targets, description.base).overall()

@@ -23,6 +23,7 @@ from grape.mission.progress import Progress
 from grape.mission.record import read_events, write_atomic
 from grape.mission.result import build_result, write_result
 from grape.mission.runner import Runner
+from grape.mission.track import csv_of
 from grape.site import save_site
 
 RENDER_PERIOD_S = 10.0
@@ -218,6 +219,7 @@ def finish(mission: Mission, runner: Runner, simulation: Any, folder: Path) -> d
     runner.close()
     truth = np.array([(s.time_s, s.x, s.y, s.yaw) for s in simulation.referee.path]).reshape(-1, 4)
     write_atomic(folder / "path.csv", finding.track.to_csv(truth))
+    write_atomic(folder / "standing.csv", csv_of("x_m,y_m", simulation.referee.standing()))
     write_result(result, folder)
     write_report(folder)
     return result

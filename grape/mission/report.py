@@ -13,7 +13,7 @@ import numpy as np
 
 from grape.mission.page import document, none, number, picture, section, table, tiles
 from grape.mission.record import read_events, write_atomic
-from grape.mission.report_map import site_map
+from grape.mission.report_drive import drive_view, estimate_table, load_drive, map_beside_truth
 from grape.mission.report_servo import servo_card, servo_runs
 from grape.mission.svg import PALETTE, drawing, label, line_chart, tag
 from grape.site import load_site
@@ -22,18 +22,21 @@ MAX_PICTURES = 60
 
 
 def write_report(folder: Path) -> None:
-    """Write report.html from result.json, events.jsonl, path.csv, site.geojson and the pictures of a run folder."""
+    """Write report.html from the other files of a run folder."""
     result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     events = list(read_events(folder / "events.jsonl"))
     path = _read_path(folder / "path.csv")
     plants = {plant["id"]: plant for plant in result["plants"]}
+    site, drive = load_site(folder / "site.geojson"), load_drive(folder)
+    started = [(float(event["t"]), str(event["plant"])) for event in events if event["kind"] == "plant_started"]
     sections = [
         _header(result),
-        section("Site", site_map(load_site(folder / "site.geojson"), path, plants)),
+        section("Drive", drive_view(site, path, plants, drive, started)),
         section("Plants", _plant_table(result) + _phase_bars(result)),
         section("Pictures", _pictures(folder, events)),
         section("Visual servoing", "".join(servo_card(run) for run in servo_runs(events)) or none("no servo run")),
-        section("Localization", _localization(path, events)),
+        section("Localization", estimate_table(path, drive) + _localization(path, started)),
+        section("Map beside the truth", map_beside_truth(site, path, drive)),
         section("Account and referee", _account(result) + _collisions(result)),
         section("What did not go well", _failures(events)),
     ]
@@ -137,12 +140,11 @@ def _pictures(folder: Path, events: Sequence[dict[str, Any]]) -> str:
     return f'<div class="pictures">{"".join(cards)}</div>' if cards else none("no pictures")
 
 
-def _localization(path: Any, events: Sequence[dict[str, Any]]) -> str:
+def _localization(path: Any, marks: Sequence[tuple[float, str]]) -> str:
     if path.shape[1] < 7 or not len(path):
         return none("the true path is not known")
     position = np.hypot(path[:, 1] - path[:, 4], path[:, 2] - path[:, 5])
     yaw = np.degrees(np.abs(np.remainder(path[:, 3] - path[:, 6] + np.pi, 2 * np.pi) - np.pi))
-    marks = [(float(event["t"]), str(event["plant"])) for event in events if event["kind"] == "plant_started"]
     times, size = path[:, 0], {"width": 1000, "height": 220}
     charts = (
         line_chart(

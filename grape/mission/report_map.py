@@ -1,8 +1,8 @@
-"""The site map of the report: rows, fences, plants with their outcome, true and estimated path."""
+"""The site map of the report: rows, fences, plants with their outcome, and the paths that are laid on it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from typing import Any
 
@@ -19,43 +19,36 @@ REFILL_COLOUR = "#7a5195"
 TRUE_COLOUR, ESTIMATE_COLOUR = "#2d3e50", "#3b82c4"
 
 
-def site_map(site: Site, path: Array, plants: Mapping[str, Mapping[str, Any]]) -> str:
+def site_map(site: Site, path: Array, plants: Mapping[str, Mapping[str, Any]], layers: Sequence[str]) -> str:
     """The map as SVG, x to the right, y up, metres in the map frame.
 
     Args:
         path: (n, 4) t, x, y, yaw as estimated, or (n, 7) with the true x, y, yaw.
         plants: the mission's plants by id, as in result.json.
+        layers: SVG elements to lie on the site, under the plants; what leaves the map is cut off.
     """
-    frame, height = _frame(site, path)
+    frame, height = site_frame(site, path)
     parts = [tag("rect", x=0, y=0, width=WIDTH, height=height, fill="#f6f4ee", rx=8)]
     parts += _areas(site, frame)
     parts += _rows(site, frame)
-    if path.shape[1] >= 7:
-        parts.append(
-            tag("polyline", points=frame.points(path[:, 4:6]), class_="line", stroke=TRUE_COLOUR, opacity=0.75)
-        )
-    if len(path):
-        dashes = {"stroke_dasharray": "5 3"}
-        parts.append(
-            tag("polyline", points=frame.points(path[:, 1:3]), class_="line", stroke=ESTIMATE_COLOUR, **dashes)
-        )
+    parts.append(tag("g", "".join(layers), clip_path="url(#map-edge)"))
     parts += _start(site, frame)
     parts += _refills(site, frame)
     parts += _plants(site, frame, plants)
     parts += _scale(frame, height)
-    entries = [("true path", TRUE_COLOUR), ("estimated path", ESTIMATE_COLOUR), *OUTCOME_COLOURS.items()]
-    parts += legend([*entries, ("fence", "#e3b5a4")], WIDTH - 12, 18)
+    parts += legend([*OUTCOME_COLOURS.items(), ("fence", "#e3b5a4")], WIDTH - 12, 18)
     return drawing(WIDTH, height, parts, "map")
 
 
-def _frame(site: Site, path: Array) -> tuple[Frame, float]:
+def site_frame(site: Site, path: Array, width: float = WIDTH) -> tuple[Frame, float]:
+    """The part of a drawing that shows the site and the path (n, 4 or more), and the height of the whole drawing."""
     lines = [row.line for row in site.rows] + [area.polygon for area in site.fences] + [site.start[None]]
     lines += [point.position[None] for point in site.refills]
     if len(path):
         lines.append(path[:, 1:3])
     points = np.vstack(lines)
     low, high = points.min(axis=0) - 1.2, points.max(axis=0) + 1.2
-    width = WIDTH - 2 * MARGIN
+    width -= 2 * MARGIN
     height = width * (high[1] - low[1]) / (high[0] - low[0])
     x, y = (float(low[0]), float(high[0])), (float(low[1]), float(high[1]))
     return Frame(left=MARGIN, top=MARGIN, width=width, height=height, x=x, y=y), height + 2 * MARGIN

@@ -14,7 +14,8 @@ from grape.actions.core import Context, InlineJobs, Outcome, Status
 from grape.clock import Clock, MonotonicClock
 from grape.drivers import Drivers
 from grape.errors import GrapeError, Reason
-from grape.messages import Odometry
+from grape.messages import Array, Odometry
+from grape.mission.drive_record import DriveRecord
 from grape.mission.file import Mission
 from grape.mission.ledger import SqliteLedger
 from grape.mission.progress import Progress, ProgressTracker
@@ -38,6 +39,8 @@ class Referee(Protocol):
     def witness(self, check: str, plant: str) -> None: ...
 
     def verdict(self) -> dict[str, Any]: ...
+
+    def standing(self) -> Array: ...
 
 
 class Backend(Protocol):
@@ -124,6 +127,8 @@ class Runner:
         self._live = True
         self._track = Track(folder / "track.csv")
         self._earlier_s = self._track.wall_s
+        antenna = robot.description.T_base_link_sensor("gnss_link")[:3, 3]
+        self._drives = DriveRecord(folder / "drive.jsonl", robot.description.base, antenna)
         self.ledger = _ledger(mission, folder / "ledger.sqlite", resume, facts or {})
         self._session = int(self.ledger.facts().get("sessions", 0)) + 1
         self.ledger.note("sessions", str(self._session))
@@ -171,6 +176,7 @@ class Runner:
         """Close the files of the folder."""
         self.log.close()
         self._track.close()
+        self._drives.close()
         self.ledger.close()
 
     def _see(self, event: dict[str, Any]) -> None:
@@ -219,6 +225,7 @@ class Runner:
             if odometry is not None and now >= next_track:
                 self._track.add(now, odometry.pose, float(odometry.linear[0]), self._earlier_s + wall.now())
                 next_track = now + TRACK_PERIOD_S - 1e-6
+            self._drives.observe(now, self.context.world, self._backend.drivers)
             if now >= self._mission.file.time_limit_s:
                 return "time_limit", Status.ACTIVE
             if self._cancelled():

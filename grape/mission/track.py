@@ -13,6 +13,12 @@ from grape.mission.record import cut_torn_line
 HEADER = "t_s,x_m,y_m,yaw_rad,distance_m,wall_s\n"
 
 
+def csv_of(header: str, rows: Array) -> str:
+    """A table of numbers (n, columns) with four decimals."""
+    lines = (",".join(f"{value:.4f}" for value in row) for row in rows)
+    return "\n".join([header, *lines]) + "\n"
+
+
 class Track:
     """The estimated path, five poses a second.
 
@@ -77,8 +83,7 @@ class Track:
             yaw = np.interp(rows[:, 0], truth[:, 0], np.unwrap(truth[:, 3]))
             header += ",true_x_m,true_y_m,true_yaw_rad"
             rows = np.column_stack([rows, *true, np.remainder(yaw + np.pi, 2 * np.pi) - np.pi])
-        lines = (",".join(f"{value:.4f}" for value in row) for row in rows)
-        return "\n".join([header, *lines]) + "\n"
+        return csv_of(header, rows)
 
     def close(self) -> None:
         """No more samples."""

@@ -122,14 +122,17 @@ class ObstacleLayer:
         points = self.spec.centres(np.stack([i, j], axis=-1))
         self._evidence[radius >= np.hypot(*(points - np.asarray(centre)[:2]).T).T] = 0
 
+    def points(self) -> Array:
+        """Centres (n, 2) m of the cells with enough evidence."""
+        return self.spec.centres(np.argwhere(self._evidence >= self.threshold))
+
     def paint(self, cost: Array, spec: GridSpec) -> None:
         """Make the cells with enough evidence lethal; the two grids may differ by whole cells."""
         seen = self._evidence >= self.threshold
         if spec == self.spec:
             cost[seen] = LETHAL
             return
-        rows, columns = np.nonzero(seen)
-        cells = spec.cells(self.spec.centres(np.column_stack([rows, columns])))
+        cells = spec.cells(self.points())
         cells = cells[spec.contains(cells)]
         cost[cells[:, 0], cells[:, 1]] = LETHAL
 

@@ -78,6 +78,10 @@ class Surroundings:
             self._fences = layered_costmap(self._extent, [self._prohibited], self.options.inflation)
         return self._fences
 
+    def obstacles(self) -> Array:
+        """Middles (n, 2) m of the cells in which the sensors have seen an obstacle."""
+        return np.vstack([np.zeros((0, 2)), *(layer.points() for layer in self._sensors.values())])
+
     def in_fence(self, pose: Array) -> bool:
         """Whether the footprint at `pose` (3,) x y yaw reaches into a prohibited area."""
         return bool(self.fences().blocked(pose, self.options.footprint)[0])

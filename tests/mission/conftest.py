@@ -108,6 +108,9 @@ class FakeBackend:
         x, y = self.site.start
         return [SimpleNamespace(time_s=t, x=x, y=y, yaw=0.0) for t in (0.0, 100.0)]
 
+    def standing(self) -> Any:
+        return np.array([[0.05, 0.05], [1.15, 0.05]])
+
     def verdict(self) -> dict[str, Any]:
         truth = {
             "hanging": ["r0v1"], "dropped": 0, "in_feeder": 7, "on_hand": 0, "fence_crossings": 0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 from grape.actions.core import Context, Outcome, Status
 from grape.mission.file import Mission
 from grape.mission.launch import finish
+from grape.mission.report import write_report
 from grape.mission.report_servo import servo_runs
 from grape.mission.svg import line_chart, ticks
 
@@ -71,6 +73,42 @@ def test_every_drawing_is_well_formed(page: str) -> None:
     for drawing in drawings:
         ElementTree.fromstring(drawing)
     assert "nan" not in "".join(drawings)
+
+
+def drive_data(page: str) -> dict[str, Any]:
+    (text,) = re.findall(r'<script type="application/json" id="drive-data">(.*?)</script>', page)
+    data: dict[str, Any] = json.loads(text)
+    return data
+
+
+def test_the_page_moves_through_the_drive_with_every_estimate(page: str, tmp_path: Path) -> None:
+    lines = [
+        {"t": 0.1, "kind": "estimate", "source": "wheels", "pose": [1.0, 2.0, 0.1]},
+        {"t": 0.1, "kind": "estimate", "source": "amcl</script>", "pose": [1.0, 2.0, 0.1]},
+        {"t": 0.1, "kind": "plan", "points": [[0.0, 0.0], [1.0, 0.0]]},
+        {"t": 0.1, "kind": "obstacles", "added": [[0, 0], [40, 0]], "gone": []},
+        {"t": 0.1, "kind": "scan", "pose": [0, 0, 0], "points_cm": "ZAA4/w=="},
+    ]
+    with (tmp_path / "drive.jsonl").open("a") as file:
+        file.writelines(json.dumps(line) + "\n" for line in lines)
+    write_report(tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    data = drive_data(page)
+    assert data["path"] and data["fixes"] and set(data["estimates"]) == {"wheels", "amcl</script>"}
+    assert (data["plans"], data["scans"]) == ([[0.1, [[0.0, 0.0], [1.0, 0.0]]]], [[0.1, [0, 0, 0], "ZAA4/w=="]])
+    layers = re.findall(r'data-layer="([^"]*)"', page)
+    assert {"truth", "ekf", "wheels", "gnss", "plan", "costmap", "scan"} <= set(layers)
+    assert 'type="range"' in page and "wheels only</td>" in page
+    assert "2 cells of 10 cm in which an obstacle was seen at some time; 50 % of them" in page
+
+
+def test_a_run_without_a_record_of_its_drives_still_has_its_path(page: str, tmp_path: Path) -> None:
+    for name in ("drive.jsonl", "standing.csv"):
+        (tmp_path / name).unlink()
+    write_report(tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    assert drive_data(page)["estimates"] == {} and 'data-layer="ekf"' in page and 'data-layer="scan"' not in page
+    assert "no obstacles were recorded" in page
 
 
 def test_servo_runs_are_told_apart_by_their_end_and_by_pauses() -> None:
