@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -28,6 +28,8 @@ from grape.mapping import (
     transform_points,
 )
 from grape.messages import Array, LaserScan
+from grape.mission.command import Cancellation
+from grape.mission.record import write_atomic
 from grape.mission.svg import PALETTE, drawing, line_chart, tag
 from grape.proof import Experiment, Figure, Proof, Quantity, median95, wilson95
 
@@ -39,6 +41,7 @@ START_STD = np.array([0.3, 0.3, 0.15])
 SETTLED = 20  # updates after which a known start counts as converged
 LAST = 10  # updates at the end of which a place counts as found, or not
 FOUND_M = 0.5
+RIGHT_M = 0.15  # from a true cell
 NOTES = (
     "Worlds are drawn from the seed as grids of 5 cm; ranges of 181 beams over 180 degrees, up to 20 m, are cast in "
     f"them with noise of 1 cm; {100 * CLUTTER:g} % of the beams end anywhere before the wall. Each step of odometry "
@@ -74,33 +77,52 @@ class Trial:
 
 
 def run(seeds: Sequence[int], folder: Path, progress: Callable[[float, str], None]) -> Proof:
-    """One building and one vineyard a seed; what the folder has is not run again."""
+    """One building and one vineyard a seed: places first, then maps. What the folder has is not run again.
+
+    When it is asked to stop, it ends what is at hand, and the figures are of what was done so far.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    found: dict[str, list[dict[str, Any]]] = {name: [] for name in WORLDS}
-    for k, seed in enumerate(seeds):
-        for name in WORLDS:
-            progress(k / len(seeds), f"{name} of seed {seed}")
-            file = folder / f"{name}_{seed}.json"
+    tasks: list[tuple[Callable[[str, int, Path], dict[str, Any]], str, int, Path]] = [
+        (places, name, seed, folder / f"{name}_{seed}.json") for seed in seeds for name in WORLDS
+    ]
+    tasks += [(mapped, *task) for task in mapping_tasks(seeds, folder)]
+    cancellation = Cancellation()
+    with cancellation.listening():
+        for k, (measure, name, seed, file) in enumerate(tasks):
+            if cancellation():
+                break
+            progress(k / len(tasks), f"{measure.__name__} in the {name} of seed {seed}")
             if not file.exists():
-                file.write_text(json.dumps(measure(name, seed, folder)), encoding="utf-8")
-            found[name].append(json.loads(file.read_text(encoding="utf-8")))
-    quantities = [q for name, results in found.items() for q in _quantities(name, results)]
-    return Proof(quantities=tuple(quantities), figures=_figures(found, seeds, folder), notes=NOTES)
+                write_atomic(file, json.dumps(measure(name, seed, folder)))
+    found = {name: _read(folder / f"{name}_{seed}.json" for seed in seeds) for name in WORLDS}
+    maps = {name: _read(file for world, _, file in mapping_tasks(seeds, folder) if world == name) for name in WORLDS}
+    quantities = [
+        q for name in WORLDS for q in (*_place_quantities(name, found[name]), *_map_quantities(name, maps[name]))
+    ]
+    complete = all(file.exists() for *_, file in tasks)
+    return Proof(quantities=tuple(quantities), figures=_figures(found, seeds, folder), notes=NOTES, complete=complete)
 
 
-def measure(name: str, seed: int, folder: Path) -> dict[str, Any]:
-    """All trials in one world, and its map where the seed is one of those; pictures go to the folder."""
+def mapping_tasks(seeds: Sequence[int], folder: Path) -> list[tuple[str, int, Path]]:
+    """World, seed and file of each map."""
+    return [(name, s, folder / f"{name}_{s}_map.json") for s in seeds if s % SLAM_EVERY == 0 for name in WORLDS]
+
+
+def driven(name: str, seed: int) -> tuple[LaserWorld, Array, Array, list[LaserScan]]:
+    """A world, the true way through it, its odometry and its scans."""
     world, rng = WORLDS[name](seed), np.random.default_rng([seed, 3])
     true = way_of(world)
-    odometry, scans = drifting(true, rng), laser_scans(world.grid, true, rng, clutter=CLUTTER)
+    return world, true, drifting(true, rng), laser_scans(world.grid, true, rng, clutter=CLUTTER)
+
+
+def places(name: str, seed: int, folder: Path) -> dict[str, Any]:
+    """All trials of AMCL in one world."""
+    world, true, odometry, scans = driven(name, seed)
     field = LikelihoodField(world.grid)
-    result: dict[str, Any] = {
+    return {
         kind: asdict(localised(field, kind, true, odometry, scans, np.random.default_rng([seed, 4 + k])))
         for k, kind in enumerate(TRIALS)
     }
-    if seed % SLAM_EVERY == 0:
-        result["slam"] = mapped(world.grid, true, odometry, scans, folder / f"{name}_{seed}.png")
-    return result
 
 
 def localised(
@@ -127,16 +149,17 @@ def localised(
     )
 
 
-def mapped(truth: OccupancyGrid, true: Array, odometry: Array, scans: list[LaserScan], picture: Path) -> dict[str, Any]:
-    """Errors of SLAM's way and map; the picture shows the map, its way and the true one."""
+def mapped(name: str, seed: int, folder: Path) -> dict[str, Any]:
+    """Errors of SLAM's way and map in one world; a picture in the folder shows the map, its way and the true one."""
+    world, true, odometry, scans = driven(name, seed)
     found = run_slam(scans, odometry, options=SlamOptions(max_range=MAX_RANGE))
     error, drift = trajectory_error(found.poses, true), trajectory_error(odometry, true)
     grid = grid_from_scans(scans, found.poses, options=GridOptions(max_range=MAX_RANGE))
-    write_picture(grid, found.poses, picture, compose(rigid_fit(true, found.poses), true))
+    write_picture(grid, found.poses, folder / f"{name}_{seed}.png", compose(rigid_fit(true, found.poses), true))
     return {
         "way_m": error.position_rmse,
         "odometry_m": drift.position_rmse,
-        "map_m": map_errors(grid, truth, error.fit).tolist(),
+        "map_m": map_errors(grid, world.grid, error.fit).tolist(),
         "loops": int(found.loops),
         "lost": len(found.lost),
     }
@@ -151,7 +174,14 @@ def map_errors(grid: OccupancyGrid, truth: OccupancyGrid, fit: Array) -> Array:
     return np.round(np.asarray(walls.query(cells)[0]), 4)
 
 
-def _quantities(name: str, results: list[dict[str, Any]]) -> list[Quantity]:
+def _read(files: Iterable[Path]) -> list[dict[str, Any]]:
+    """What was measured, of those files that are there."""
+    return [json.loads(file.read_text(encoding="utf-8")) for file in files if file.exists()]
+
+
+def _place_quantities(name: str, results: list[dict[str, Any]]) -> list[Quantity]:
+    if not results:
+        return []
     trials = {kind: [Trial(**result[kind]) for result in results] for kind in TRIALS}
     known = np.concatenate([trial.errors[SETTLED:] for trial in trials[TRIALS[0]]])
     particles = np.concatenate([trial.particles[SETTLED:] for trial in trials[TRIALS[0]]])
@@ -177,7 +207,7 @@ def _quantities(name: str, results: list[dict[str, Any]]) -> list[Quantity]:
         median = float(np.median(values)) if values else None
         text = f"AMCL, {kind}: scans until found, median of those found"
         quantities.append(_quantity(name, text, "1", median, len(values), median95(values)))
-    return quantities + _map_quantities(name, [result["slam"] for result in results if "slam" in result])
+    return quantities
 
 
 def _map_quantities(name: str, maps: list[dict[str, Any]]) -> list[Quantity]:
@@ -191,6 +221,9 @@ def _map_quantities(name: str, maps: list[dict[str, Any]]) -> list[Quantity]:
         _quantity(name, "SLAM: error of the way, median", "m", float(np.median([m["way_m"] for m in maps])), n),
         _quantity(name, "SLAM: error of the way, worst", "m", float(max(m["way_m"] for m in maps)), n),
         _quantity(name, "SLAM: occupied cells, 95th percentile", "m", float(np.percentile(errors, 95)), len(errors)),
+        _quantity(
+            name, f"SLAM: occupied cells within {RIGHT_M:g} m", "1", float((errors <= RIGHT_M).mean()), len(errors)
+        ),
         _quantity(name, "SLAM: loop closures, median", "1", float(np.median([m["loops"] for m in maps])), n),
     ]
 
@@ -205,13 +238,15 @@ def _figures(found: dict[str, list[dict[str, Any]]], seeds: Sequence[int], folde
     """Errors of the first seed's trials, and the first map of each world."""
     figures = []
     for name, results in found.items():
+        if not results:
+            continue
         lines = [
             (kind, list(enumerate(results[0][kind]["errors"])), colour)
             for kind, colour in zip(TRIALS, PALETTE, strict=False)
         ]
         chart = line_chart(lines, x_title="scan", y_title="error of AMCL (m)")
-        figures.append(Figure(title=f"AMCL in the {name} of seed {seeds[0]}", svg=chart))
-        pictures = [folder / f"{name}_{seed}.png" for seed in seeds if seed % SLAM_EVERY == 0]
+        figures.append(Figure(title=f"AMCL in the first {name}", svg=chart))
+        pictures = [file for seed in seeds if (file := folder / f"{name}_{seed}.png").exists()]
         if pictures:
             title = f"SLAM's map of a {name} ({pictures[0].name}), its way in blue, the true one in green"
             figures.append(Figure(title=title, svg=embedded(pictures[0])))

@@ -31,9 +31,9 @@ class AmclOptions:
     normal distribution) set how many particles are kept, between `least` and `most`. While the likelihood's average
     of the last 1 / `recovery_fast` updates is below `recovery_below` of that of the last 1 / `recovery_slow`,
     particles are drawn anywhere, where the scan fits, and the slow average is `recovery_patience` as quick, so that
-    being lost does not become what is usual. It ends at once when nothing fits `recovery_better` times as well: then
-    the place has changed. A scan that fits nowhere as well as is usual says little, and moves nobody. A rate of 0 turns
-    recovery off.
+    being lost does not become what is usual. It ends when `recovery_tries` scans in a row fit nowhere `recovery_better`
+    times as well: then the place has changed. A scan that fits nowhere as well as is usual says little, and moves
+    nobody. After a global start, what is usual is first what fits best anywhere. A rate of 0 turns recovery off.
     """
 
     least: int = 300
@@ -53,6 +53,7 @@ class AmclOptions:
     recovery_below: float = 0.9
     recovery_patience: float = 0.1
     recovery_better: float = 1.1
+    recovery_tries: int = 20
     cluster_way: float = 1.0  # around the heaviest place: what the estimate is made of
     cluster_turn: float = 0.5
     noise: OdometryNoise = field(default_factory=OdometryNoise)
@@ -106,6 +107,7 @@ class Amcl:
         self._odometry: Array | None = None
         self._estimate: AmclEstimate | None = None
         self._slow = self._fast = 0.0
+        self._vain = 0  # searches in a row that have found nothing better
         self._everywhere = False
 
     def start(self, pose: Array, covariance: Array, rng: np.random.Generator) -> None:
@@ -148,7 +150,7 @@ class Amcl:
     def _begin(self, poses: Array) -> None:
         poses[:, 2] = wrap_angle(poses[:, 2])
         self.poses, self.weights = poses, np.full(len(poses), 1.0 / len(poses))
-        self._odometry, self._estimate, self._slow, self._fast = None, None, 0.0, 0.0
+        self._odometry, self._estimate, self._slow, self._fast, self._vain = None, None, 0.0, 0.0, 0
         self._everywhere = False
 
     def _carried(self, step: Array) -> AmclEstimate:
@@ -229,12 +231,16 @@ class Amcl:
         if strangers == 0.0:
             return 0.0, nobody
         others, fit = self._draw_strangers(points, rng)
-        if strangers < 1.0 and fit < self.options.recovery_better * likelihood:
-            self._slow = self._fast
+        if strangers == 1.0:
+            self._slow = self._fast = fit
+            return strangers, others
+        if fit < self.options.recovery_better * likelihood:
+            self._vain += 1
+            if self._vain >= self.options.recovery_tries:
+                self._slow, self._vain = self._fast, 0
             return 0.0, nobody
-        if strangers < 1.0 and fit < self.options.recovery_below * self._slow:
-            return 0.0, nobody
-        return strangers, others
+        self._vain = 0
+        return (strangers, others) if fit >= self.options.recovery_below * self._slow else (0.0, nobody)
 
     def _draw_strangers(self, points: Array, rng: np.random.Generator) -> tuple[Array, float]:
         """Poses (most, 3) from anywhere that fit the scan, and their mean likelihood.

@@ -14,6 +14,7 @@ from grape.messages import Array
 @njit(cache=True)
 def mark_scan(
     log_odds: Array,
+    hits: Array,
     visited: Array,
     scan: int,
     origin: Array,
@@ -29,6 +30,7 @@ def mark_scan(
 
     Args:
         log_odds: (rows, columns) float32, changed.
+        hits: (rows, columns) int32, scans of which a beam ended in a cell, changed.
         visited: (rows, columns) int32, number of the last scan that touched a cell, changed.
         sensor: (2,) m. ends: (n, 2) m. hit: (n,) whether the beam ends on something.
     """
@@ -39,6 +41,7 @@ def mark_scan(
             row = int(np.floor((ends[k, 1] - origin[1]) / resolution))
             if 0 <= row < rows and 0 <= column < columns and visited[row, column] != scan:
                 visited[row, column] = scan
+                hits[row, column] += 1
                 log_odds[row, column] = min(log_odds[row, column] + gain, limit)
     start_column = int(np.floor((sensor[0] - origin[0]) / resolution))
     start_row = int(np.floor((sensor[1] - origin[1]) / resolution))

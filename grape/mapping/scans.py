@@ -21,7 +21,9 @@ from grape.navigation.grid import GridSpec
 class GridOptions:
     """How beams become occupancy.
 
-    `hit` and `miss` are log odds a scan; a cell's log odds stay within `limit`. Hits beyond `max_range` m are not
+    `hit` and `miss` are log odds a scan; a cell's log odds stay within `limit`. A cell that fewer than `least_hits`
+    scans have hit is 50 per cent occupied at most: in open ground a single beam that ended at a weed or at somebody who
+    walked by is cleared by no other. Hits beyond `max_range` m are not
     marked. Beams without return clear `clear_misses` m: 0 where black or glass surfaces return nothing.
     """
 
@@ -31,6 +33,7 @@ class GridOptions:
     hit: float = 0.9
     miss: float = 0.4
     limit: float = 5.0
+    least_hits: int = 2
     margin: float = 1.0  # m around everything seen
 
 
@@ -72,10 +75,11 @@ def grid_from_scans(
         raise InvalidInput("no beam of any scan ends within max_range")
     spec = GridSpec.around(np.vstack([ends, sensors[:, :2]]), options.margin, options.resolution)
     log_odds = np.zeros((spec.rows, spec.columns), np.float32)
-    visited = np.zeros((spec.rows, spec.columns), np.int32)
+    hits, visited = np.zeros((2, spec.rows, spec.columns), np.int32)
     gains = (options.hit, options.miss, options.limit)
     for number, (sensor, (end, hit)) in enumerate(zip(sensors, beams, strict=True), 1):
-        mark_scan(log_odds, visited, number, spec.origin, spec.resolution, sensor[:2].copy(), end, hit, *gains)
+        mark_scan(log_odds, hits, visited, number, spec.origin, spec.resolution, sensor[:2].copy(), end, hit, *gains)
+    log_odds[hits < options.least_hits] = np.minimum(log_odds[hits < options.least_hits], 0.0)
     percent = np.rint(100.0 / (1.0 + np.exp(-log_odds))).astype(np.int8)
     return OccupancyGrid(spec=spec, occupancy=np.where(visited > 0, percent, -1).astype(np.int8))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import json
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -89,27 +89,57 @@ def test_who_is_carried_away_is_looked_for_where_it_stands(monkeypatch: pytest.M
     assert max(found.errors) == 0.0 and found.particles == (9,) * 8
 
 
-def test_worlds_that_the_folder_has_are_not_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    calls: list[tuple[str, int]] = []
-    slam = {"way_m": 0.1, "odometry_m": 2.0, "map_m": [0.0, 0.05], "loops": 4, "lost": 0}
+@pytest.fixture
+def measured(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, str, int]]:
+    """What was measured; it takes no time."""
+    calls: list[tuple[str, str, int]] = []
 
-    def measure(name: str, seed: int, folder: Path) -> dict[str, Any]:
-        calls.append((name, seed))
-        scans = {"errors": [2.0] * 5 + [0.1] * 25, "particles": [300] * 30}
-        return {kind: scans for kind in g3.TRIALS} | {"slam": slam}
+    def places(name: str, seed: int, folder: Path) -> dict[str, Any]:
+        calls.append(("places", name, seed))
+        return {kind: {"errors": [2.0] * 5 + [0.1] * 25, "particles": [300] * 30} for kind in g3.TRIALS}
 
-    monkeypatch.setattr(g3, "measure", measure)
+    def mapped(name: str, seed: int, folder: Path) -> dict[str, Any]:
+        calls.append(("mapped", name, seed))
+        (folder / f"{name}_{seed}.png").touch()
+        return {"way_m": 0.1, "odometry_m": 2.0, "map_m": [0.0, 0.05, 0.05, 0.3], "loops": 4, "lost": 0}
+
+    monkeypatch.setattr(g3, "places", places)
+    monkeypatch.setattr(g3, "mapped", mapped)
     monkeypatch.setattr(g3, "embedded", lambda picture: f"<svg>{picture.name}</svg>")
+    return calls
+
+
+def test_worlds_that_the_folder_has_are_not_run_again(tmp_path: Path, measured: list[tuple[str, str, int]]) -> None:
     g3.run([500], tmp_path, lambda share, text: None)
     proof = g3.run([500, 501], tmp_path, lambda share, text: None)
-    assert calls == [(name, seed) for seed in (500, 501) for name in g3.WORLDS]
+    assert measured == [
+        ("places", "building", 500), ("places", "vineyard", 500),
+        ("mapped", "building", 500), ("mapped", "vineyard", 500),
+        ("places", "building", 501), ("places", "vineyard", 501),
+    ]  # fmt: skip
     values = {q.name: (q.value, q.n) for q in proof.quantities}
     assert values["building: AMCL, known start: error, root mean square"] == (pytest.approx(0.1), 20)
     assert values["vineyard: AMCL, anywhere: found at the end"] == (1.0, 2)
     assert values["vineyard: AMCL, anywhere: scans until found, median of those found"] == (5.0, 2)
-    assert values["building: SLAM: error of the way, worst"] == (0.1, 2)
+    assert values["building: SLAM: error of the way, worst"] == (0.1, 1)
+    assert values["building: SLAM: occupied cells within 0.15 m"] == (0.75, 4)
     assert [figure.svg for figure in proof.figures if "building_500" in figure.svg], "the first map is shown"
-    assert json.loads((tmp_path / "building_500.json").read_text())["slam"] == slam
+    assert proof.complete
+
+
+def test_a_stop_keeps_what_is_done_and_says_that_more_is_to_come(
+    tmp_path: Path, measured: list[tuple[str, str, int]]
+) -> None:
+    def stop(share: float, text: str) -> None:
+        if "vineyard" in text:
+            signal.raise_signal(signal.SIGINT)
+
+    proof = g3.run([500], tmp_path, stop)
+    assert measured == [("places", "building", 500), ("places", "vineyard", 500)], "what is at hand is ended"
+    assert not proof.complete
+    assert {q.name.split(":")[0] for q in proof.quantities} == {"building", "vineyard"}
+    assert g3.run([500], tmp_path, lambda share, text: None).complete
+    assert len(measured) == 4
 
 
 def test_both_sides_of_the_bench_weigh_particles_alike() -> None:

@@ -76,6 +76,31 @@ def test_it_recovers_after_it_was_carried_away(field: LikelihoodField, drive: tu
     assert off(estimates[-1], true[-1]) < 0.5
 
 
+def test_one_search_in_vain_does_not_make_being_lost_what_is_usual(
+    field: LikelihoodField, drive: tuple, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    amcl, rng = Amcl(field, AmclOptions(recovery_tries=5)), np.random.default_rng(0)
+    amcl.start(drive[0][0], START_COVARIANCE, rng)
+    amcl.update(np.zeros(3), drive[2][0], rng)
+    usual, low = amcl._slow, 0.5 * amcl._slow
+    fits = iter([low] * 4 + [0.95 * usual] + [low] * 5)
+    monkeypatch.setattr(amcl, "_draw_strangers", lambda points, rng: (amcl.poses, next(fits)))
+    amcl._fast = low
+    taken = [amcl._recovery(low, np.zeros((1, 2)), rng)[0] for _ in range(9)]
+    assert [share > 0.0 for share in taken] == [False] * 4 + [True] + [False] * 4
+    assert amcl._slow > 0.9 * usual, "a find in between begins the count anew"
+    amcl._recovery(low, np.zeros((1, 2)), rng)
+    assert amcl._slow == amcl._fast < 0.6 * usual, "the place has changed"
+
+
+def test_a_global_start_knows_what_fits_best_as_usual(field: LikelihoodField, drive: tuple) -> None:
+    amcl, rng = Amcl(field), np.random.default_rng(0)
+    amcl.start_anywhere(rng)
+    first = amcl.update(np.zeros(3), drive[2][0], rng)
+    assert first.strangers == 1.0
+    assert amcl._slow > 2.0 * first.likelihood, "not what the evenly drawn particles fit on average"
+
+
 def test_without_recovery_there_are_no_strangers(field: LikelihoodField, drive: tuple) -> None:
     amcl, rng = Amcl(field, AmclOptions(recovery_slow=0.0)), np.random.default_rng(0)
     amcl.start(np.array([8.0, 3.5, 0.0]), 1e-4 * np.eye(3), rng)

@@ -85,6 +85,20 @@ def test_a_map_from_true_poses_is_the_building(house: OccupancyGrid) -> None:
     assert np.percentile(distance, 95) < 0.11
 
 
+def test_a_single_hit_in_the_open_is_no_obstacle_and_a_second_one_makes_it_one() -> None:
+    def scan(*ends: float) -> LaserScan:
+        return LaserScan(
+            stamp=0.0, angle_min=0.0, angle_increment=0.5 * np.pi, range_min=0.0, range_max=20.0, ranges=np.array(ends)
+        )
+
+    once, twice = np.array([3.0, 0.0]), np.array([0.0, 2.0])
+    poses = np.zeros((2, 3))
+    drawn = grid_from_scans([scan(3.0, 2.0), scan(np.inf, 2.0)], poses)
+    assert drawn.at(twice) > 65 and 25 < drawn.at(once) < 65
+    assert grid_from_scans([scan(3.0, 2.0)] * 2, poses, options=GridOptions(least_hits=3)).occupied().sum() == 0
+    assert grid_from_scans([scan(3.0, 2.0)], poses[:1], options=GridOptions(least_hits=1)).at(once) > 65
+
+
 def test_slam_takes_the_drift_out_and_closes_the_loop(house: OccupancyGrid) -> None:
     rng = np.random.default_rng(1)
     mount = np.array([0.2, 0.0, 0.0])
