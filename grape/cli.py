@@ -143,6 +143,7 @@ def reproduce(
 def bench(
     name: Annotated[str, typer.Argument(help="What to measure, such as manipulation (see `grape list`).")],
     file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the figures there too.")] = None,
+    html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with the plots there too.")] = None,
 ) -> None:
     """Measure how long things take beside a peer that does the same, in one run.
 
@@ -151,7 +152,7 @@ def bench(
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # threads on small matrices only cost
     from grape.proving.bench import bench_command
 
-    bench_command(name, file)
+    bench_command(name, file, html)
 
 
 @app.command("filter")

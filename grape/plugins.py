@@ -51,6 +51,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "G15": "grape.experiments.deployments:G15",
             "B1": "grape.experiments.base_placement:EXPERIMENT",
             "K1": "grape.experiments.kill_resume:EXPERIMENT",
+            "S1": "grape.experiments.soak:EXPERIMENT",
         },
         BENCHES: {
             "manipulation": "grape.experiments.bench_manipulation:BENCH",

@@ -99,6 +99,7 @@ class Comparison:
         peer: its name.
         ratio_goal: what is asked of `ratio`, like ">= 20"; empty when nothing is.
         value_goal: what is asked of `value`, likewise.
+        at: the size of the problem where it varies; rows of one quantity at several sizes are a line of the page.
     """
 
     quantity: str
@@ -108,6 +109,7 @@ class Comparison:
     peer_value: float | None = None
     ratio_goal: str = ""
     value_goal: str = ""
+    at: float | None = None
 
     def __post_init__(self) -> None:
         _check_goal(self.ratio_goal)

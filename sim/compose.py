@@ -16,7 +16,7 @@ from grape.sim.dispenser import dispenser_elements
 from grape.sim.physics import STEP_S
 from grape.sim.render import MAX_HEIGHT, MAX_WIDTH
 from grape.sim.stock import store
-from grape.sim.worlds import Terrain, World, world_spec
+from grape.sim.worlds import Terrain, World, is_large, world_spec
 
 WORLD_PREFIX = "world/"
 BASE_BODY = "base_link"
@@ -25,17 +25,20 @@ DISPENSER = "dispenser_"
 SEEN_TERRAIN_STEP = 3  # the camera sees every third height of the terrain: a quarter of a frame's time
 
 
-def compose(world: World, robot: RobotDescription, dispensers: int, stock: int = 0) -> mujoco.MjModel:
+def compose(
+    world: World, robot: RobotDescription, dispensers: int, stock: int = 0, *, seen: bool = False
+) -> mujoco.MjModel:
     """The model of a robot with so many dispensers in a world; their poses are set in the state, not here.
 
     Names of the world's geoms get the prefix `world/`, dispensers are called `dispenser_0`, `dispenser_1`, … The last
-    `stock` of them are stored away, asleep, until a refill.
+    `stock` of them are stored away, asleep, until a refill. Of a large vineyard, what is drawn and never touched is
+    left out unless the model is to be `seen`: each geom costs something in each step.
     """
     root = _with_dispensers(robot, dispensers + stock)
     assets = {file: (robot.mjcf.parent / file).read_bytes() for file in _files(root)}
     spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"), assets=assets)
     store(spec, [f"{DISPENSER}{k}" for k in range(dispensers, dispensers + stock)])
-    surroundings = world_spec(world)
+    surroundings = world_spec(world, drawn=seen or not is_large(world))
     spec.visual.map.znear = surroundings.visual.map.znear
     spec.visual.map.zfar = surroundings.visual.map.zfar
     with warnings.catch_warnings():
@@ -47,7 +50,9 @@ def compose(world: World, robot: RobotDescription, dispensers: int, stock: int =
 
 def compose_seen(world: World, robot: RobotDescription, dispensers: int, stock: int = 0) -> mujoco.MjModel:
     """The same model for the camera, its ground drawn with fewer triangles; states of one fit the other."""
-    model = compose(replace(world, terrain=_coarser(world.terrain, SEEN_TERRAIN_STEP)), robot, dispensers, stock)
+    model = compose(
+        replace(world, terrain=_coarser(world.terrain, SEEN_TERRAIN_STEP)), robot, dispensers, stock, seen=True
+    )
     model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # a sleeping loop's pose is not updated
     return model
 

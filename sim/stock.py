@@ -17,9 +17,11 @@ STORE_PITCH_M = 0.3  # between neighbours, along map x
 
 
 def store(spec: mujoco.MjSpec, names: list[str]) -> None:
-    """Let dispensers of a specification begin asleep, out of the way; everything else in it never sleeps."""
-    if not names:
-        return
+    """Let dispensers of a specification begin asleep, out of the way; everything else in it never sleeps.
+
+    Also without any the physics may leave out what sleeps: the geoms of the world, of which there are thousands, are
+    then not put in place anew in each step.
+    """
     spec.option.enableflags |= mujoco.mjtEnableBit.mjENBL_SLEEP
     for body in spec.worldbody.bodies:
         body.sleep = mujoco.mjtSleepPolicy.mjSLEEP_NEVER

@@ -1,7 +1,7 @@
 """Seeded worlds: generators of vineyards, their site files, and their export to the physics and the ray caster."""
 
 from grape.plugins import WorldType
-from grape.sim.worlds.export import world_spec
+from grape.sim.worlds.export import is_large, world_spec
 from grape.sim.worlds.model import Capsule, Label, NailTruth, Plate, SpurTruth, Sun, Terrain, World
 from grape.sim.worlds.options import VineyardOptions
 from grape.sim.worlds.vineyard import generate_vineyard, grow_world, vineyard_site
@@ -21,6 +21,7 @@ __all__ = [
     "World",
     "generate_vineyard",
     "grow_world",
+    "is_large",
     "vineyard_site",
     "world_spec",
 ]

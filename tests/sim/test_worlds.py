@@ -7,7 +7,16 @@ import pytest
 from grape.config import Document, validate_options
 from grape.errors import FileError, InvalidInput
 from grape.geometry import inverse, pose, transform
-from grape.sim.worlds import Label, VineyardOptions, World, generate_vineyard, grow_world, vineyard_site, world_spec
+from grape.sim.worlds import (
+    Label,
+    VineyardOptions,
+    World,
+    export,
+    generate_vineyard,
+    grow_world,
+    vineyard_site,
+    world_spec,
+)
 from grape.site import load_site, save_site, site_to_geojson
 
 mujoco = pytest.importorskip("mujoco")
@@ -240,6 +249,24 @@ def test_the_physics_ground_is_the_worlds_ground(world):
         distance = mujoco.mj_ray(model, data, np.array([*xy, 3.0]), np.array([0.0, 0.0, -1.0]), None, 1, -1, geom)
         if model.geom(int(geom[0])).name == "ground":
             assert 3.0 - distance == pytest.approx(float(world.terrain.height(xy)), abs=0.01)
+
+
+def places(model) -> dict:
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    return {model.geom(k).name: tuple(data.geom_xpos[k]) for k in range(model.ngeom)}
+
+
+def test_a_large_vineyard_stands_in_few_bodies_at_the_same_places(world, monkeypatch):
+    usual = world_spec(world).compile()
+    monkeypatch.setattr(export, "MOST_BODIES", 10)
+    large, bare = world_spec(world).compile(), world_spec(world, drawn=False).compile()
+    assert large.nbody < usual.nbody / 3
+    assert places(large) == places(usual)
+    left = places(bare)
+    assert left.items() < places(usual).items()
+    untouched = {usual.geom(k).name for k in range(usual.ngeom) if not usual.geom_contype[k]} - {"horizon"}
+    assert places(usual).keys() - left.keys() == untouched
 
 
 def test_only_plants_near_a_point_are_exported_on_request(world):
