@@ -6,6 +6,7 @@ import json
 import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -66,9 +67,7 @@ def run(seeds: Sequence[int], folder: Path, progress: Callable[[float, str], Non
         for k, seed in enumerate(seeds):
             if cancellation():
                 break
-            drive(
-                seed, folder / f"seed{seed}", cancellation, lambda p, k=k: progress(_share(p, k, len(seeds)), _said(p))
-            )  # type: ignore[misc]
+            drive(seed, folder / f"seed{seed}", cancellation, partial(_show, progress, k, len(seeds)))
     runs = [folder / f"seed{seed}" for seed in seeds if (folder / f"seed{seed}" / "result.json").exists()]
     ended = [run for run in runs if _result(run)["ended_by"] != "aborted"]
     quantities = tuple(quantity for run in runs for quantity in measured(run))
@@ -278,12 +277,9 @@ def _path(run: Path) -> Array:
     return np.loadtxt(run / "path.csv", delimiter=",", skiprows=1, ndmin=2)
 
 
-def _share(moment: Progress, k: int, seeds: int) -> float:
-    return (k + moment.sim_time_s / (3600.0 * HOURS)) / seeds
-
-
-def _said(moment: Progress) -> str:
-    return f"{moment.sim_time_s / 60.0:.1f} min simulated, {moment.real_time_factor:.2f} times real time"
+def _show(progress: Callable[[float, str], None], k: int, seeds: int, moment: Progress) -> None:
+    text = f"{moment.sim_time_s / 60.0:.1f} min simulated, {moment.real_time_factor:.2f} times real time"
+    progress((k + moment.sim_time_s / (3600.0 * HOURS)) / seeds, text)
 
 
 EXPERIMENT = Experiment(

@@ -20,7 +20,8 @@ USUAL, LARGE = 24, 640  # vines that are held against each other
 BEATS = 10
 STEPS_A_BEAT = 5
 ROUNDS = 10
-STEP, PLAN = "simulation: a step of 2 ms of a driving robot", "costmap and plan to the far end of the last row"
+STEP = "simulation: a step of 2 ms of a driving robot, by number of vines"
+PLAN = "costmap and plan to the far end of the last row, by number of vines"
 GROWTH_GOAL = ">= 0.667"  # at most 1.5 times as long
 
 
@@ -67,7 +68,7 @@ def growth(quantity: str, unit: str, values: dict[int, float], goal: str = "") -
     """A line over the number of vines, and its end against the usual vineyard."""
     line = [Comparison(quantity=quantity, unit=unit, value=value, at=vines) for vines, value in values.items()]
     end = Comparison(
-        quantity=f"{quantity}, {LARGE} vines", unit=unit, value=values[LARGE], peer=f"{USUAL} vines",
+        quantity=f"{quantity}: {LARGE}", unit=unit, value=values[LARGE], peer=f"{USUAL} of them",
         peer_value=values[USUAL], ratio_goal=goal,
     )  # fmt: skip
     return [*line, end]

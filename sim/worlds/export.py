@@ -34,7 +34,8 @@ _PICTURE_SEED = 0  # pictures look the same in every world: only geometry depend
 
 def is_large(world: World) -> bool:
     """Whether a body for each plant, post and wire would be too many."""
-    return len({_owner(piece.name) for piece in (*world.capsules, *world.plates)}) > MOST_BODIES
+    pieces: list[Capsule | Plate] = [*world.capsules, *world.plates]
+    return len({_owner(piece.name) for piece in pieces}) > MOST_BODIES
 
 
 def world_spec(world: World, near: Array | None = None, radius: float = np.inf, drawn: bool = True) -> mujoco.MjSpec:

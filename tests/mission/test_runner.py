@@ -20,7 +20,7 @@ from grape.mission.result import status_of, without_wall_clock
 from grape.mission.runner import Finding
 
 Make = Callable[..., Any]
-FILES = {"result.json", "events.jsonl", "report.html", "ledger.sqlite", "path.csv"}
+FILES = {"result.json", "events.jsonl", "report.html", "ledger.sqlite", "path.csv", "drive.jsonl", "standing.csv"}
 
 
 def end_at(tick: int) -> Callable[[Context, int], Status | None]:

@@ -58,7 +58,7 @@ def test_a_mission_that_runs_out_of_time_ends_with_a_complete_folder(runs: list[
     names = {path.name for path in run.folder.iterdir()}
     assert names >= {
         "result.json", "report.html", "events.jsonl", "ledger.sqlite", "mission.yaml", "site.geojson", "tree.xml",
-        "path.csv",
+        "path.csv", "drive.jsonl", "standing.csv",
     }  # fmt: skip
     assert (run.result["status"], run.result["ended_by"]) == ("failed", "time_limit")
     assert run.result["sim_time_s"] == pytest.approx(SECONDS)
@@ -77,7 +77,7 @@ def test_the_robot_knows_where_it_is_and_harms_nothing(runs: list[MissionRun]) -
 def test_the_same_seed_twice_gives_the_same_run(runs: list[MissionRun]) -> None:
     first, second = runs
     assert without_wall_clock(first.result) == without_wall_clock(second.result)
-    for name in ("events.jsonl", "path.csv", "mission.yaml", "site.geojson"):
+    for name in ("events.jsonl", "drive.jsonl", "path.csv", "standing.csv", "mission.yaml", "site.geojson"):
         assert (first.folder / name).read_bytes() == (second.folder / name).read_bytes(), name
 
 
