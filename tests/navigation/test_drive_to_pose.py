@@ -147,6 +147,22 @@ def test_robot_arrives_stops_and_tells_progress(setting):
     assert progress[-1] > 0.95 and progress[len(progress) // 2] < 0.9
 
 
+def test_while_it_drives_the_world_knows_its_path_obstacles_and_scan_and_afterwards_no_more(setting):
+    machine, ctx = setting()
+    machine.circles = np.array([[0.0, 1.6, 0.15]])
+    seen = []
+    drive(machine, ctx, DriveGoal(x=-0.5, y=-0.835, yaw=0.0), lambda t: seen.append((machine.pose, ctx.world.driving)))
+    assert ctx.world.driving is None
+    pose, driving = [each for each in seen if each[1] is not None][-1]
+    np.testing.assert_allclose(driving.path.goal, [-0.5, -0.835, 0.0], atol=0.03)
+    np.testing.assert_allclose(driving.scan_pose, pose, atol=0.1)
+    x, y, yaw = driving.scan_pose
+    hits = driving.scan @ rotation_z(yaw)[:2, :2].T + [x, y]
+    assert len(hits) and np.abs(np.hypot(*(hits - [0.0, 1.6]).T) - 0.15).max() < 0.1
+    obstacles = driving.surroundings.obstacles()
+    assert len(obstacles) and np.hypot(*(obstacles - [0.0, 1.6]).T).max() < 0.3
+
+
 @pytest.mark.parametrize("planner", ["dwa", "teb", "mppi"])
 def test_robot_that_faces_away_turns_and_arrives_by_each_planner(setting, planner):
     machine, ctx = setting((-3.0, -1.4, 2.5))
