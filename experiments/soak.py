@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -215,14 +216,14 @@ def measured(run: Path) -> list[Quantity]:
     error = np.hypot(path[:, 1] - path[:, 4], path[:, 2] - path[:, 5])
     quarter, n = max(len(error) // 4, 1), len(error)
     events = list(read_events(run / "events.jsonl"))
-    drives = [e for e in events if e["kind"] == "action" and e["name"] == "DriveToPose" and e["status"] != "active"]
+    drives = Counter(e["status"] for e in events if e["kind"] == "action" and e["name"] == "DriveToPose")
+    arrived, ended = drives["succeeded"], drives["succeeded"] + drives["aborted"] + drives["rejected"]
     lines = list(read_drive(run / "drive.jsonl"))
     plans = [(line["t"], bool(line["points"])) for line in lines if line["kind"] == "plan"]
     causes = [(line["t"], "no integer fix") for line in lines if line["kind"] == "gnss" and line["status"] != "fix"]
     causes += [(e["t"], f"recovery: {e['how']}, {e['why']}") for e in events if e["kind"] == "recovery"]
     causes += [(at, "end of a drive") for at, goes_on in plans if not goes_on]
     stood = stops(path, plans, causes)
-    failed = [e for e in drives if e["status"] == "aborted"]
     memory = memory_of(run.with_name(f"{run.name}_memory.csv"))
     peak = float(memory[:, 2].max()) if len(memory) else None
     truth, seed = result["truth"], result["seed"]
@@ -231,7 +232,7 @@ def measured(run: Path) -> list[Quantity]:
         ("driven for", "min", result["sim_time_s"] / 60.0, result["sessions"], f">= {60 * HOURS:g}"),
         ("driven", "m", result["navigation"]["distance_m"], 1, ""),
         ("simulated a second of the wall clock", "s", result["real_time_factor"], 1, ""),
-        ("drives that arrived", "1", float(len(drives) - len(failed)), len(drives), f"= {len(drives)}"),
+        ("drives that arrived", "1", float(arrived), ended, f"= {ended}"),
         ("stops", "1", float(len(stood)), 1, ""),
         ("stops without a reason", "1", float(sum(not stop.reason for stop in stood)), len(stood), "= 0"),
         ("memory, most", "MB", peak, len(memory), ""),
