@@ -37,11 +37,14 @@ SCRIPT = """
     }
     return [...cells].map(cell => cell.split(',').map(n => (Number(n) + 0.5) * data.cell_m));
   };
+  let zoom = 1;  // marks and lines stay as thick as they are
+  const rounds = [...svg.querySelectorAll('circle')].map(part => [part, Number(part.getAttribute('r'))]);
   const line = (points, colour, width, dash, close, fill) => {
     ink.beginPath(); points.forEach((p, k) => ink[k ? 'lineTo' : 'moveTo'](...at(...p)));
     if (close) ink.closePath();
     if (fill) { ink.fillStyle = fill; ink.fill(); }
-    ink.setLineDash(dash); ink.strokeStyle = colour; ink.lineWidth = width; ink.stroke();
+    ink.setLineDash(dash.map(length => length / zoom)); ink.strokeStyle = colour; ink.lineWidth = width / zoom;
+    ink.stroke();
   };
   const robot = (pose, colour, dash, fill) => {
     line(data.footprint.map(p => placed(pose, p)), colour, 1.8, dash, true, fill);
@@ -58,6 +61,10 @@ SCRIPT = """
       view[1] = Math.min(Math.max(y - view[3] / 2, 0), whole[3] - view[3]);
     }
     svg.setAttribute('viewBox', view.join(' '));
+    if (zoom !== whole[2] / view[2]) {
+      zoom = whole[2] / view[2];
+      rounds.forEach(([part, radius]) => part.setAttribute('r', radius / zoom));
+    }
     const scale = 2 * stage.clientWidth / view[2];
     canvas.width = 2 * stage.clientWidth; canvas.height = canvas.width * whole[3] / whole[2];
     ink.setTransform(scale, 0, 0, scale, -scale * view[0], -scale * view[1]);
@@ -68,15 +75,17 @@ SCRIPT = """
       ink.arc(...p, r, 0, 7); });
     ink.fill(); ink.globalAlpha = 1;
     seen.forEach(([x, y]) => dot(...at(x, y), data.cell_m * metre, '#6b4f3a'));
-    if (driving && scan >= 0 && shown('scan'))
-      unpack(data.scans[scan][2]).forEach(p => dot(...at(...placed(data.scans[scan][1], p)), 3, data.colours.scan));
+    if (driving && scan >= 0 && shown('scan')) {
+      const [, base, points] = data.scans[scan];
+      unpack(points).forEach(p => dot(...at(...placed(base, p)), 3 / zoom, data.colours.scan));
+    }
     if (driving && shown('plan')) line(data.plans[plan][1], data.colours.plan, 3, [7, 4]);
     for (const [name, rows] of Object.entries(data.estimates))
       if (shown(name) && last(rows, t) >= 0) robot(rows[last(rows, t)].slice(1), data.colours[name], [4, 3]);
     const fix = last(data.fixes, t);
     if (fix >= 0 && shown('gnss')) {
-      ink.beginPath(); ink.arc(...at(data.fixes[fix][1], data.fixes[fix][2]), 6, 0, 7);
-      ink.setLineDash([]); ink.strokeStyle = data.colours.gnss; ink.lineWidth = 2.2; ink.stroke();
+      ink.beginPath(); ink.arc(...at(data.fixes[fix][1], data.fixes[fix][2]), 6 / zoom, 0, 7);
+      ink.setLineDash([]); ink.strokeStyle = data.colours.gnss; ink.lineWidth = 2.2 / zoom; ink.stroke();
     }
     if (row.length > 4 && shown('truth')) robot(row.slice(4), data.colours.truth, []);
     if (shown('ekf')) robot(pose, data.colours.ekf, [], 'rgba(59,130,196,.25)');

@@ -44,7 +44,8 @@ svg .aim { stroke: #222; stroke-width: 1.4; fill: none; }
 figure { margin: 0; } figure img { width: 100%; border-radius: 6px; display: block; } figcaption { margin: 4px 0 0; }
 .servo { border-top: 1px solid var(--line); padding: 8px 0; } .servo:first-of-type { border-top: 0; }
 .pair { display: grid; grid-template-columns: 352fr 430fr; gap: 20px; align-items: center; max-width: 900px; }
-.stage { position: relative; } .stage canvas { position: absolute; inset: 0; width: 100%; pointer-events: none; }
+.stage { position: relative; } .stage svg * { vector-effect: non-scaling-stroke; }
+.stage canvas { position: absolute; inset: 0; width: 100%; pointer-events: none; }
 .controls { display: flex; gap: 12px; align-items: center; margin-top: 8px; }
 .controls input { flex: 1; } .controls button { width: 38px; }
 .controls span { min-width: 190px; font-variant-numeric: tabular-nums; }
