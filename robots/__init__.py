@@ -7,6 +7,7 @@ from grape.robots.description import (
     GripperDescription,
     Mount,
     RobotDescription,
+    SafetyZone,
 )
 
 __all__ = [
@@ -16,4 +17,5 @@ __all__ = [
     "GripperDescription",
     "Mount",
     "RobotDescription",
+    "SafetyZone",
 ]

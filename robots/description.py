@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -35,6 +36,19 @@ class Mount(_Frozen):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SafetyZone(_Frozen):
+    """An area around the base in which whatever a scanner sees slows the base down, or stops it.
+
+    It counts for the motions it names: `forward` and `backward`, also in bends, and `turn` in place.
+    """
+
+    name: str
+    polygon: Array  # (n, 2) m in base_link
+    motions: tuple[Literal["forward", "backward", "turn"], ...]
+    speed: float = 0.0  # m/s that is allowed, of the outermost corner when turning; 0 stops
+
+
+@dataclass(frozen=True, kw_only=True)
 class BaseDescription(_Frozen):
     """A four-wheeled skid-steer base.
 
@@ -54,6 +68,7 @@ class BaseDescription(_Frozen):
     max_angular_acceleration: float  # rad/s^2
     footprint: Array  # (4, 2) m in base_link, counter-clockwise
     command_timeout: float  # s
+    zones: tuple[SafetyZone, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -43,6 +43,7 @@ from grape.robots.description import (
     GripperDescription,
     Mount,
     RobotDescription,
+    SafetyZone,
 )
 
 _WHEELS = ("wheel_front_left", "wheel_front_right", "wheel_rear_left", "wheel_rear_right")
@@ -62,6 +63,19 @@ def _on_base(x: float, y: float, z: float) -> Mount:
     return Mount(parent="base_link", T_parent_sensor=pose(translation=(x, y, z)))
 
 
+def _strip(name: str, near: float, far: float, speed: float = 0.0) -> SafetyZone:
+    """What is between `near` and `far` before (or, if negative, behind) the base, as broad as the base."""
+    polygon = np.array([[near, -0.343], [far, -0.343], [far, 0.343], [near, 0.343]])
+    return SafetyZone(name=name, polygon=polygon, motions=("forward" if far > 0 else "backward",), speed=speed)
+
+
+_ZONES = (
+    _strip("stop ahead", 0.495, 0.615),
+    _strip("slow ahead", 0.495, 0.995, speed=0.3),
+    _strip("stop behind", -0.495, -0.615),
+    _strip("slow behind", -0.495, -0.995, speed=0.2),
+)
+
 _BASE = BaseDescription(
     wheel_joints=_WHEELS,
     wheel_actuators=_WHEELS,
@@ -75,6 +89,7 @@ _BASE = BaseDescription(
     max_angular_acceleration=6.0,
     footprint=np.array([[0.495, 0.343], [-0.495, 0.343], [-0.495, -0.343], [0.495, -0.343]]),
     command_timeout=0.25,
+    zones=_ZONES,
 )
 
 _ARM = ArmDescription(

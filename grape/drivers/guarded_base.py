@@ -1,0 +1,176 @@
+"""A base driver that lets no command through unjudged: the one place between every action and the wheels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.clock import Clock
+from grape.drivers.ports import BaseDriver, SensorDriver
+from grape.errors import InvalidInput, StaleData
+from grape.messages import Array, JointState, LaserScan, Twist
+from grape.navigation.collision_monitor import (
+    CollisionMonitor,
+    Decision,
+    MonitorState,
+    Verdict,
+    blind_stop,
+    motion_of,
+    scan_hits,
+)
+from grape.navigation.fence_guard import FenceGuard
+from grape.trajectory.online import VelocityLimiter
+
+FENCE, POSE = "fence", "pose"  # what may decide beside the monitor's zones
+
+
+@dataclass(frozen=True, kw_only=True)
+class GuardOptions:
+    """Limits of a guarded base.
+
+    Args:
+        max_linear, max_angular: m/s and rad/s.
+        acceleration, jerk: with which the base picks up speed again after it was slowed down: (linear, angular), in
+            m/s^2, rad/s^2 and m/s^3, rad/s^3. Slowing down is never delayed.
+        max_age_s: of a scan and, where there are fences, of the pose.
+        period_s: between two commands.
+    """
+
+    max_linear: float
+    max_angular: float
+    acceleration: tuple[float, float] = (0.7, 1.6)
+    jerk: tuple[float, float] = (3.0, 8.0)
+    max_age_s: float = 0.3
+    period_s: float = 0.01
+
+
+class GuardedBase:
+    """Judges each command by the newest scans and the fences, and sends on what is left of it.
+
+    A command that nothing speaks against goes through unchanged. `send` returns what was sent, so that an action sees
+    when it was slowed down.
+
+    Args:
+        base: the driver behind.
+        monitor: judges commands by scans.
+        fences: judges commands by the site's prohibited areas.
+        scans: scanners on the base by name, and where each sits: `T_base_sensor` (4, 4).
+        pose: stamp (s) and (3,) x y yaw of base_link in map; None when it is not good enough.
+        on_change: told about each zone that begins to decide: zone, verdict and point (m, base_link).
+    """
+
+    def __init__(
+        self,
+        base: BaseDriver,
+        clock: Clock,
+        monitor: CollisionMonitor,
+        fences: FenceGuard,
+        scans: Mapping[str, tuple[SensorDriver[LaserScan], Array]],
+        pose: Callable[[], tuple[float, Array] | None],
+        options: GuardOptions,
+        on_change: Callable[[Decision], None] = lambda decision: None,
+    ) -> None:
+        self._base, self._clock = base, clock
+        self._monitor, self._fences, self._scans, self._pose = monitor, fences, dict(scans), pose
+        self._options, self._on_change = options, on_change
+        self._state = MonitorState()
+        self._seen: dict[str, tuple[float, Array, float]] = {}  # per scanner: stamp, points in base_link, blind share
+        self._zone = ""
+        self._limiter: VelocityLimiter | None = None  # while the base picks up speed after it was slowed down
+
+    def send(self, linear_x: float, angular_z: float) -> Twist:
+        """Set-point of the body velocity (m/s, rad/s); returns what was sent after zones, fences and limits.
+
+        Raises:
+            InvalidInput: a value is not finite.
+        """
+        if not (np.isfinite(linear_x) and np.isfinite(angular_z)):
+            raise InvalidInput(f"base: send finite velocities, got {linear_x} m/s and {angular_z} rad/s")
+        limits = self._options
+        v = float(np.clip(linear_x, -limits.max_linear, limits.max_linear))
+        w = float(np.clip(angular_z, -limits.max_angular, limits.max_angular))
+        if motion_of(v, w) is None:
+            self._limiter = None
+            return self._base.send(v, w)
+        decision = self._decide(v, w)
+        self._state = decision.state
+        self._tell(decision)
+        return self._base.send(*self._smoothed(decision.factor, v, w))
+
+    def stop(self) -> None:
+        """Brake now and hold."""
+        self._limiter = None
+        self._base.stop()
+
+    def latest(self, max_age_s: float | None = None) -> JointState:
+        """Wheel angles and speeds from the encoders."""
+        return self._base.latest(max_age_s)
+
+    def since(self, stamp: float) -> tuple[JointState, ...]:
+        """Buffered wheel states newer than `stamp`, oldest first."""
+        return self._base.since(stamp)
+
+    def _decide(self, v: float, w: float) -> Decision:
+        now = self._clock.now()
+        try:
+            views = [self._view(name) for name in self._scans]
+        except StaleData:
+            return blind_stop(self._state)
+        if any(blind > self._monitor.options.blind for _, blind in views):
+            return blind_stop(self._state)
+        points = np.vstack([np.empty((0, 2)), *(points for points, _ in views)])
+        decision = self._monitor.decide(v, w, points, now, self._state)
+        if self._fences.empty or decision.factor == 0.0:
+            return decision
+        found = self._pose()
+        if found is None or now - found[0] > self._options.max_age_s:
+            return Decision(verdict=Verdict.STOP, factor=0.0, zone=POSE, state=decision.state)
+        factor = self._fences.factor(decision.factor * v, decision.factor * w, found[1])
+        if factor == 1.0:
+            return decision
+        verdict = Verdict.STOP if factor == 0.0 else Verdict.SLOW
+        return Decision(verdict=verdict, factor=factor * decision.factor, zone=FENCE, state=decision.state)
+
+    def _view(self, name: str) -> tuple[Array, float]:
+        """Points (n, 2) and share of blind beams of a scanner's newest scan; each scan is worked out once."""
+        driver, T_base_sensor = self._scans[name]
+        scan = driver.latest(self._options.max_age_s)
+        known = self._seen.get(name)
+        if known is None or known[0] != scan.stamp:
+            known = self._seen[name] = (scan.stamp, *scan_hits(scan, T_base_sensor, self._monitor.options))
+        return known[1], known[2]
+
+    def _tell(self, decision: Decision) -> None:
+        if decision.zone and decision.zone != self._zone:
+            self._on_change(decision)
+        self._zone = decision.zone
+
+    def _smoothed(self, factor: float, v: float, w: float) -> tuple[float, float]:
+        """What is left of a command; after it was cut, speed is picked up again within acceleration and jerk."""
+        if factor == 1.0 and self._limiter is None:
+            return v, w
+        target = np.array([factor * v, factor * w])
+        if self._limiter is None:
+            self._limiter = self._new_limiter(target)
+        before = self._limiter.velocity
+        if (target * before < 0.0).any() or np.abs(target).sum() <= np.abs(before).sum():
+            self._limiter.reset(target)
+        else:
+            self._limiter.step(target)
+        sent = self._limiter.velocity
+        if factor == 1.0 and np.abs(sent - target).max() < 1e-3:
+            self._limiter = None
+        return float(sent[0]), float(sent[1])
+
+    def _new_limiter(self, velocity: Array) -> VelocityLimiter:
+        options = self._options
+        limiter = VelocityLimiter(
+            np.array([options.max_linear, options.max_angular]),
+            np.array(options.acceleration),
+            options.period_s,
+            np.array(options.jerk),
+        )
+        limiter.reset(velocity)
+        return limiter
