@@ -1,4 +1,4 @@
-"""The guard of a mission's base: what the robot's zones, the site's fences and the pose estimate say to each command."""
+"""The guard of a mission's base: what zones, fences and the pose estimate say to each command."""
 
 from __future__ import annotations
 

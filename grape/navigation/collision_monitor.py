@@ -89,7 +89,7 @@ class MonitorState:
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """What is left of a command: `factor` 0..1 of both its velocities, and which zone and point (m, base_link) decided."""
+    """What is left of a command: `factor` 0..1 of both velocities; which zone and point (m, base_link) decided."""
 
     verdict: Verdict
     factor: float

@@ -220,6 +220,50 @@ def test_person_who_leaves_is_waited_for(setting):
     assert any("waiting" in f.status for f in feedback)
 
 
+def test_robot_stops_before_somebody_who_crosses_waits_and_goes_on(setting):
+    machine, ctx = setting()
+    least, speeds, waited = [], [], []
+    ctx.log = SimpleNamespace(event=lambda kind, **fields: waited.append(kind))  # type: ignore[assignment]
+
+    def cross(now: float) -> None:
+        person = np.array([0.9, -3.5 + 1.2 * (now - 1.0), 0.2])
+        machine.circles = person[None]
+        nose = machine.pose[0] + 0.495
+        least.append(np.hypot(max(0.0, person[0] - nose), max(0.0, abs(person[1] - machine.pose[1]) - 0.343)) - 0.2)
+        speeds.append(machine.v)
+
+    result, feedback = drive(machine, ctx, DriveGoal(x=3.0, y=-0.835, yaw=0.0), cross)
+    assert abs(result.along_m) < 0.03 and result.replans == 0, "it did not dodge, it waited"
+    assert min(least) > 0.5
+    assert waited == ["waiting"]
+    stood = np.array(speeds) == 0.0
+    assert 100 < np.count_nonzero(stood[200:-100]) < 800, "between one and eight seconds"
+    assert any(f.status.startswith("waiting for something in the way") for f in feedback)
+
+
+def test_robot_goes_around_somebody_who_came_and_stays(setting):
+    machine, ctx = setting()
+
+    def come(now: float) -> None:
+        machine.circles = np.array([[0.6, max(-0.9, 2.0 - 1.0 * now), 0.2]])
+
+    result, _ = drive(machine, ctx, DriveGoal(x=3.0, y=-0.835, yaw=0.0), come)
+    assert abs(result.along_m) < 0.03 and result.replans >= 1
+
+
+def test_base_that_is_held_back_by_its_guard_is_blocked_and_not_stuck(setting):
+    machine, ctx = setting()
+    send, begun = machine.send, []
+
+    def guarded(linear_x: float, angular_z: float) -> Twist:
+        return send(0.0, 0.0) if machine.time_s > 3.0 else send(linear_x, angular_z)
+
+    machine.send = guarded  # type: ignore[method-assign]
+    failed = failure((machine, ctx), DriveGoal(x=3.0, y=-0.835, yaw=0.0), begun.append)
+    assert failed.reason is Reason.BLOCKED and "in the way" in failed.detail
+    assert 18.0 < begun[-1] < 19.0
+
+
 def recoveries(ctx: core.Context) -> list[dict[str, Any]]:
     """Fields of the `recovery` events from now on."""
     noted: list[dict[str, Any]] = []

@@ -65,6 +65,6 @@ def test_no_driver_whatever_it_wishes_gets_a_corner_over_a_fence(seed):
             stopped += factor < 1.0
             x, y, yaw = arc_poses(factor * wish[0], factor * wish[1], np.array([0.02]))[0]
             c, s = np.cos(pose[2]), np.sin(pose[2])
-            pose = pose + [c * x - s * y, s * x + c * y, yaw]
+            pose = pose + np.array([c * x - s * y, s * x + c * y, yaw])
             assert np.abs(PRINT.corners(pose)).max() < high
     assert stopped > 0, "it came to the fences"
