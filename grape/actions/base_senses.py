@@ -39,6 +39,19 @@ class Due:
         return True
 
 
+def base_pose(ctx: Context) -> Array:
+    """(3,) x y yaw of base_link in map, the newest estimate.
+
+    Raises:
+        ActionFailed: NOT_LOCALIZED, when there is none yet.
+    """
+    try:
+        T_map_base = ctx.world.base_pose()
+    except StaleData as error:
+        raise ActionFailed(Reason.NOT_LOCALIZED, str(error)) from error
+    return np.array([T_map_base[0, 3], T_map_base[1, 3], yaw_of(T_map_base)])
+
+
 class BaseSenses:
     """Newest pose and surroundings of a driving base.
 
@@ -65,8 +78,7 @@ class BaseSenses:
 
     def pose(self) -> Array:
         """(3,) x y yaw of base_link in map, the newest estimate."""
-        T_map_base = self._ctx.world.base_pose()
-        return np.array([T_map_base[0, 3], T_map_base[1, 3], yaw_of(T_map_base)])
+        return base_pose(self._ctx)
 
     def fresh(self, now: float) -> bool:
         """Whether pose and scans are young enough to move by.

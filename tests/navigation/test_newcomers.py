@@ -47,6 +47,7 @@ def test_where_nothing_was_known_nothing_is_new(look):
     half = Beams(
         sensor=before.sensor, ends=before.ends[: len(before.ends) // 2], hit=before.hit[: len(before.hit) // 2]
     )
+    nothing = Beams(sensor=np.zeros(2), ends=np.empty((0, 2)), hit=np.zeros(0, bool))
     left = [[2.0, 1.0, 0.2]]
     assert len(newcomers(look(left), before, OPTIONS)) > 0
     assert len(newcomers(look(left), half, OPTIONS)) == 0
