@@ -221,10 +221,10 @@ class _Drive:
         assert self._path is not None
         ahead = self._path.ahead(self._state.travelled, self._state.travelled + KEEP_AHEAD_M)
         reach = self._senses.footprint.half_width + KEEP_BESIDE_M
-        walking = np.count_nonzero(near_path(self._senses.arrived, ahead, reach)) >= NewcomerOptions().least_points
-        if walking:
+        walking = self._senses.arrived[near_path(self._senses.arrived, ahead, reach)]
+        if len(walking) >= NewcomerOptions().least_points:
             if now - self._walked_s > STILL_S:
-                self._ctx.log.event("waiting", why="somebody walks near the path")
+                self._ctx.log.event("waiting", why="somebody walks near the path", place=walking.mean(axis=0))
             self._walked_s = now
         return now - self._walked_s <= STILL_S
 

@@ -20,12 +20,14 @@ class NewcomerOptions:
         since_s: two scans that are so far apart are compared.
         margin: m that a beam must have reached farther before.
         gap: rad between neighbouring beams above which nothing is known between them.
+        skew: rad that the heading may have been wrong by: what a beam hit so near to a bearing counts as seen there.
         least_points: fewer points than this are a cane or a weed.
     """
 
     since_s: float = 1.0
     margin: float = 0.3
     gap: float = 0.02
+    skew: float = 0.06
     least_points: int = 6
 
 
@@ -49,6 +51,8 @@ class NewcomerWatch:
 
 def newcomers(now: Beams, before: Beams, options: NewcomerOptions) -> Array:
     """Hits (n, 2) m in map of one scan at which beams of an earlier one had passed."""
+    from scipy.ndimage import minimum_filter1d
+
     points = now.ends[now.hit]
     rays = before.ends - before.sensor
     if len(rays) < 2 or not len(points):
@@ -60,7 +64,8 @@ def newcomers(now: Beams, before: Beams, options: NewcomerOptions) -> Array:
     bearing = np.arctan2(offset[:, 1], offset[:, 0])
     after = np.searchsorted(bearings, bearing) % len(bearings)
     known = np.abs(wrap_angle(bearings[after] - bearings[after - 1])) < options.gap
-    free = np.minimum(reach[after], reach[after - 1])
+    beside = 1 + int(options.skew / max(float(np.median(np.diff(bearings))), 1e-4))
+    free = minimum_filter1d(reach, 2 * beside + 1, mode="wrap")[after]
     return points[known & (free > np.hypot(*offset.T) + options.margin)]
 
 
