@@ -13,7 +13,7 @@ from grape.frames import FrameError
 from grape.geometry import yaw_of
 from grape.messages import Array
 from grape.navigation.beams import scan_points
-from grape.navigation.grid import Costmap
+from grape.navigation.grid import LETHAL, Costmap
 from grape.navigation.newcomers import NewcomerWatch
 from grape.navigation.surroundings import Surroundings
 
@@ -61,7 +61,7 @@ class BaseSenses:
     Attributes:
         surroundings: what is known of the site and its obstacles.
         points: (n, 2) m in base_link, hits of the newest scans.
-        arrived: (n, 2) m in map, where something is that was not there a second ago.
+        arrived: (n, 2) m in map, outside rows and fences, where something is that was not there a second ago.
         local: costs around the robot; None before the first `update`.
     """
 
@@ -127,7 +127,11 @@ class BaseSenses:
             beams = self.surroundings.add_scan(name, scan, T_map_base, T_base_sensor)
             points.append(scan_points(scan, T_base_sensor)[:, :2])
             arrived.append(self._watches.setdefault(name, NewcomerWatch()).update(scan.stamp, beams))
-        self.points, self.arrived = np.vstack(points), np.vstack(arrived)
+        self.points, self.arrived = np.vstack(points), self._outside_rows(np.vstack(arrived))
+
+    def _outside_rows(self, points: Array) -> Array:
+        """Points (n, 2) in no prohibited area: in a row, canes and weeds come into a tilted scanner's plane."""
+        return points[self.surroundings.fences().cost_at(points) != LETHAL]
 
     def _take_clouds(self) -> None:
         for name, driver in self._ctx.drivers.clouds.items():

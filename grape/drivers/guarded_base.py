@@ -77,6 +77,8 @@ class GuardedBase:
         self._options, self._on_change = options, on_change
         self._state = MonitorState()
         self._seen: dict[str, tuple[float, Array, float]] = {}  # per scanner: stamp, points in base_link, blind share
+        self._asked: tuple[float, ...] = ()  # command and stamps of the scans that were judged last
+        self._judged = blind_stop(self._state)
         self._zone = ""
         self._limiter: VelocityLimiter | None = None  # while the base picks up speed after it was slowed down
 
@@ -121,7 +123,10 @@ class GuardedBase:
         if any(blind > self._monitor.options.blind for _, blind in views):
             return blind_stop(self._state)
         points = np.vstack([np.empty((0, 2)), *(points for points, _ in views)])
-        decision = self._monitor.decide(v, w, points, now, self._state)
+        asked = (v, w, *(self._seen[name][0] for name in self._scans))
+        if asked != self._asked or self._state.holds:  # time counts only while a zone holds
+            self._asked, self._judged = asked, self._monitor.decide(v, w, points, now, self._state)
+        decision = self._judged
         if self._fences.empty or decision.factor == 0.0:
             return decision
         found = self._pose()
