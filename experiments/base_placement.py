@@ -17,7 +17,6 @@ from grape.proof import Experiment, Proof, Quantity, wilson95
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.sim.worlds import SpurTruth, VineyardOptions, World, generate_vineyard
 from grape.tasks.dispenser.actions.drive_to_plant import stop_pose
-from grape.tasks.dispenser.row import GROUND_CLEARANCE_M
 from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, Stop, first_stop, margins_of, orientations
 from grape.tasks.dispenser.targets import HangTarget
 
@@ -93,11 +92,11 @@ def in_base(spur: SpurTruth, T_base_map: Array) -> HangTarget:
 
 def _standing(world: World, plant: str, stop: Stop, rng: np.random.Generator) -> Array:
     """`T_map_base` of a robot that has driven to a stop."""
-    x, y, yaw = stop_pose(world.site, plant, stop)
+    x, y, yaw = stop_pose(DESCRIPTION, world.site, plant, stop)
     x, y = np.array([x, y]) + rng.normal(0.0, STOP_ERROR_M, 2)
     pitch = -np.arctan(world.terrain.slope) * np.cos(yaw)
     R = rotation_from_rpy(0.0, float(pitch), float(yaw + rng.normal(0.0, STOP_ERROR_RAD)))
-    return pose(R, (x, y, float(world.terrain.height(np.array([x, y]))) + GROUND_CLEARANCE_M))
+    return pose(R, (x, y, float(world.terrain.height(np.array([x, y]))) + DESCRIPTION.base.height))
 
 
 def _quantities(style: str, vines: list[dict[str, Any]]) -> list[Quantity]:

@@ -13,7 +13,6 @@ from grape.messages import Array
 from grape.perception.cloud import voxel_grid
 from grape.planning import CheckerOptions, StateChecker, build_distance_field
 
-BASE_HEIGHT_M = 0.132  # of base_link above the ground
 ROW_M = 0.84  # from base_link to the row on its left
 CAPSULES = 200  # of the vines, posts and wires, those nearest to the arm's base
 CLOUD_POINTS = 100_000
@@ -65,7 +64,7 @@ def build_scene(seed: int = 0) -> BenchScene:
 
     world = generate_vineyard(VineyardOptions(rows=1, vines_per_row=6, seed=seed, slope=0.0, roughness_rms=0.0))
     x, y = next(plant.position for plant in world.site.plants if plant.id == "r0v2")
-    T_map_base = pose(translation=(float(x) - 0.47, float(y) - ROW_M, BASE_HEIGHT_M))
+    T_map_base = pose(translation=(float(x) - 0.47, float(y) - ROW_M, DESCRIPTION.base.height))
     T_base_map = np.linalg.inv(T_map_base)
     rng = np.random.default_rng(seed)
     robot = build_robot(DESCRIPTION)

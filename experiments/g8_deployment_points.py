@@ -16,6 +16,7 @@ from grape.experiments.vine_scans import ScannedVine, scan_simulated_vine
 from grape.perception.cloud import crop_box
 from grape.perception.sweep import Sweep
 from grape.proof import Experiment, Proof, Quantity, wilson95
+from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser.actions.find_deployment_points import (
     Box,
     FindDeploymentPointsGoal,
@@ -95,7 +96,7 @@ def _vine(file: Path, seed: int, style: str) -> dict[str, Any]:
     """Counts by sensors, and how long a cloud took, from the file or measured and written there."""
     if not file.exists():
         vine = scan_simulated_vine(seed, style)
-        box = vine_box(FindDeploymentPointsGoal(plant="", scan=vine.scan), vine.foot)
+        box = vine_box(FindDeploymentPointsGoal(plant="", scan=vine.scan), vine.foot, DESCRIPTION.base.height)
         looks = [look(vine.scan, k, box) for k in range(len(vine.scan.images))]
         lists = _lists(vine, looks, box)
         found: dict[str, Any] = {name: asdict(tally(poses, vine.spurs)) for name, poses in lists.items()}

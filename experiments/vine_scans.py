@@ -26,7 +26,6 @@ from grape.sim.raycast import Raycaster
 from grape.sim.worlds import VineyardOptions, World, generate_vineyard
 from grape.tasks.dispenser.actions.drive_to_plant import stop_pose
 from grape.tasks.dispenser.actions.scan_vine import SWEEP, ScanVineGoal, VineScan, sweep_path
-from grape.tasks.dispenser.row import GROUND_CLEARANCE_M
 from grape.tasks.dispenser.stops import first_stop
 
 VINES = 3  # in the row; the scanned one has neighbours, or a post, on its sides
@@ -135,11 +134,11 @@ def _mount(name: str) -> Array:
 
 def _park(world: World, robot: Robot, plant: str, errors: ScanErrors, rng: np.random.Generator) -> Array:
     """`T_map_base` of the robot at its first stop for a plant."""
-    x, y, yaw = stop_pose(world.site, plant, first_stop(robot, "vine"))
+    x, y, yaw = stop_pose(DESCRIPTION, world.site, plant, first_stop(robot, "vine"))
     x, y = np.array([x, y]) + rng.normal(0.0, errors.stop_m, 2)
     roll, pitch = rng.normal(0.0, errors.tilt_rad, 2) - [0.0, np.arctan(world.terrain.slope) * np.cos(yaw)]
     R = rotation_from_rpy(float(roll), float(pitch), float(yaw + rng.normal(0.0, errors.stop_rad)))
-    return pose(R, (x, y, float(world.terrain.height(np.array([x, y]))) + GROUND_CLEARANCE_M))
+    return pose(R, (x, y, float(world.terrain.height(np.array([x, y]))) + DESCRIPTION.base.height))
 
 
 class _Sensors:

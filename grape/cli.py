@@ -51,6 +51,11 @@ WorldFile = Annotated[
 ]
 
 
+Robot = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Another robot (see `grape list`); the same as --set robot=NAME.")
+]
+
+
 @app.command()
 def run(
     mission: Annotated[
@@ -62,6 +67,7 @@ def run(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="New run folder; default: runs/<mission>-seed<N>-<n>.")
     ] = None,
+    robot: Robot = None,
     world: WorldFile = None,
     assignments: Assignments = None,
     render: Annotated[
@@ -76,7 +82,7 @@ def run(
     """
     from grape.mission.command import run_command
 
-    raise typer.Exit(EXIT[run_command(mission, seed, out, world, assignments or [], render)])
+    raise typer.Exit(EXIT[run_command(mission, seed, out, world, _with_robot(robot, assignments), render)])
 
 
 @app.command()
@@ -148,6 +154,83 @@ def bench(
     bench_command(name, file)
 
 
+@app.command("filter")
+def filter_(
+    log: Annotated[Path, typer.Argument(help="Recorded readings: .csv or .jsonl.")],
+    config: Annotated[Path, typer.Option("--config", metavar="FILE", help="YAML with sensors, noise and datum.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Estimate, .csv or .jsonl; default: <LOG>.estimate.csv.")
+    ] = None,
+    assignments: Assignments = None,
+) -> None:
+    """Estimate where a robot was from recorded readings of its sensors.
+
+    Wheels, IMU, odometry, GNSS and any other source of poses, velocities or accelerations, by one Kalman filter or a
+    local and a global one. Formats: docs/filter.md. Exit codes: 0 it ran, 1 error in the input.
+    """
+    from grape.localization.filter_command import filter_command
+
+    for line in filter_command(log, config, out, assignments or []):
+        typer.echo(line)
+
+
+LogFile = Annotated[Path, typer.Argument(metavar="LOG", help="Laser log in CARMEN's format (.log, .clf, also .gz).")]
+LaserWord = Annotated[
+    str | None,
+    typer.Option(metavar="WORD", help="Message of the laser to take, such as FLASER; default: the most frequent."),
+]
+MaxRange = Annotated[float, typer.Option(metavar="M", help="Longer beams are not used.")]
+
+
+@app.command("map")
+def map_(
+    log: LogFile,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder; default: runs/map-<log>-<n>.")] = None,
+    poses: Annotated[
+        str, typer.Option(metavar="slam|odometry|corrected", help="Which poses the map is drawn from.")
+    ] = "slam",
+    resolution: Annotated[float, typer.Option(metavar="M", help="Size of a cell.")] = 0.05,
+    max_range: MaxRange = 25.0,
+    laser: LaserWord = None,
+) -> None:
+    """Build a map of a recorded laser log, by matching scans and closing loops.
+
+    The folder holds map.yaml and map.pgm (the ROS map format), map.png to look at, path.csv, and map.json with the
+    error against the log's corrected poses, where it has them. Go on with `grape localize`.
+
+    Exit codes: 0 the map is written, 1 error in the input, 130 stopped (Ctrl-C).
+    """
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # threads on small matrices only cost
+    from grape.laser_logs.map_command import map_command
+
+    map_command(log, out, poses, resolution, max_range, laser)
+
+
+@app.command()
+def localize(
+    log: LogFile,
+    map_file: Annotated[Path, typer.Option("--map", metavar="MAP", help="Map's YAML, as `grape map` writes it.")],
+    start: Annotated[
+        str, typer.Option(metavar="X,Y,YAW", help="Where the robot is at first, in m and rad; or anywhere.")
+    ] = "anywhere",
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the particles.", min=0)] = 0,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Folder; default: runs/localize-<log>-<n>.")] = None,
+    max_range: MaxRange = 25.0,
+    laser: LaserWord = None,
+) -> None:
+    """Find where a robot was on a map, by its recorded laser and odometry (Monte Carlo localisation).
+
+    The folder holds localize.png to look at, path.csv, and localize.json with the error against the log's corrected
+    poses, where it has them.
+
+    Exit codes: 0 it found its place, 1 error in the input, 2 it was never sure of a place, 130 stopped (Ctrl-C).
+    """
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    from grape.laser_logs.localize_command import localize_command
+
+    raise typer.Exit(0 if localize_command(log, map_file, start, seed, out, laser, max_range) else EXIT["partial"])
+
+
 @app.command()
 def resume(
     folder: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of a mission that was killed or aborted.")],
@@ -200,13 +283,18 @@ def render(
     subject: Annotated[str, typer.Argument(help="A mission or a world by name or YAML file, or a site's GeoJSON.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Folder for the pictures.")] = Path("renders"),
     seed: Annotated[int | None, typer.Option(metavar="N", help="Seed of the world.", min=0)] = None,
+    robot: Robot = None,
     assignments: Assignments = None,
 ) -> None:
     """Take pictures of world and robot, without a mission."""
     from grape.mission.pictures import render_scene
 
-    for path in render_scene(subject, out, seed, assignments or []):
+    for path in render_scene(subject, out, seed, _with_robot(robot, assignments)):
         typer.echo(str(path))
+
+
+def _with_robot(robot: str | None, assignments: list[str] | None) -> list[str]:
+    return [*(assignments or []), *([f"robot={robot}"] if robot is not None else [])]
 
 
 def main() -> None:

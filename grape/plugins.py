@@ -1,4 +1,6 @@
-"""What can be plugged in: tasks, robots, worlds, experiments and benches, built in or of installed packages.
+"""What can be plugged in: tasks, robots, worlds, experiments, benches, costmap layers, planners.
+
+They are built in or of installed packages.
 
 A package adds its own through entry points, without grape knowing it:
 
@@ -23,13 +25,20 @@ from grape.proof import Bench, Experiment
 
 TASKS, ROBOTS, WORLDS = "grape.tasks", "grape.robots", "grape.worlds"
 EXPERIMENTS, BENCHES = "grape.experiments", "grape.benches"
+LAYERS, LOCAL_PLANNERS = "grape.costmap_layers", "grape.local_planners"
 
 BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
         TASKS: {"dispenser": "grape.tasks.dispenser:TASK"},
-        ROBOTS: {"husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION"},
+        ROBOTS: {
+            "husky_jaco2": "grape.robots.husky_jaco2:DESCRIPTION",
+            "robi_jaco2": "grape.robots.robi_jaco2:DESCRIPTION",
+        },
         WORLDS: {"vineyard": "grape.sim.worlds:VINEYARD"},
         EXPERIMENTS: {
+            "G2": "grape.experiments.g2_odometry:EXPERIMENT",
+            "G3": "grape.experiments.g3_mapping:EXPERIMENT",
+            "G5": "grape.experiments.g5_local_planners:EXPERIMENT",
             "G8": "grape.experiments.g8_deployment_points:EXPERIMENT",
             "G10": "grape.experiments.g10_servoing:EXPERIMENT",
             "G12": "grape.experiments.g12_nail_servoing:EXPERIMENT",
@@ -43,7 +52,24 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "B1": "grape.experiments.base_placement:EXPERIMENT",
             "K1": "grape.experiments.kill_resume:EXPERIMENT",
         },
-        BENCHES: {"manipulation": "grape.experiments.bench_manipulation:BENCH"},
+        BENCHES: {
+            "manipulation": "grape.experiments.bench_manipulation:BENCH",
+            "navigation": "grape.experiments.bench_navigation:BENCH",
+        },
+        LAYERS: {
+            "static": "grape.navigation.layers:StaticLayer",
+            "obstacles": "grape.navigation.costmap:ObstacleLayer",
+            "polygons": "grape.navigation.costmap:PolygonLayer",
+            "denoise": "grape.navigation.layers:DenoiseLayer",
+            "footprint": "grape.navigation.layers:FootprintLayer",
+            "inflation": "grape.navigation.layers:InflationLayer",
+        },
+        LOCAL_PLANNERS: {
+            "pure_pursuit": "grape.navigation.follower:PurePursuit",
+            "dwa": "grape.navigation.dwa:Dwa",
+            "teb": "grape.navigation.teb:Teb",
+            "mppi": "grape.navigation.mppi:Mppi",
+        },
     }
 )
 

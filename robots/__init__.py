@@ -8,6 +8,7 @@ from grape.robots.description import (
     Mount,
     RobotDescription,
     SafetyZone,
+    driving_zones,
 )
 
 __all__ = [
@@ -18,4 +19,5 @@ __all__ = [
     "Mount",
     "RobotDescription",
     "SafetyZone",
+    "driving_zones",
 ]

@@ -29,10 +29,14 @@ class _Frozen:
 
 @dataclass(frozen=True, kw_only=True)
 class Mount(_Frozen):
-    """Where a sensor sits: `T_parent_sensor` (4, 4), x forward for scanners, z forward for `camera_optical`."""
+    """Where a sensor sits: `T_parent_sensor` (4, 4), x forward for scanners, z forward for `camera_optical`.
+
+    `model` is what its maker calls it, for sensors of which a driver knows several.
+    """
 
     parent: str
     T_parent_sensor: Array
+    model: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +52,21 @@ class SafetyZone(_Frozen):
     speed: float = 0.0  # m/s that is allowed, of the outermost corner when turning; 0 stops
 
 
+def driving_zones(footprint: Array) -> tuple[SafetyZone, ...]:
+    """Stop zones of 0.12 m and slow zones of 0.50 m before and behind a base, as broad as its `footprint` (n, 2) m."""
+    (rear, right), (front, left) = np.min(footprint, axis=0), np.max(footprint, axis=0)
+
+    def strip(near: float, far: float) -> Array:
+        return np.array([[near, right], [far, right], [far, left], [near, left]])
+
+    return (
+        SafetyZone(name="stop ahead", polygon=strip(front, front + 0.12), motions=("forward",)),
+        SafetyZone(name="slow ahead", polygon=strip(front, front + 0.50), motions=("forward",), speed=0.3),
+        SafetyZone(name="stop behind", polygon=strip(rear, rear - 0.12), motions=("backward",)),
+        SafetyZone(name="slow behind", polygon=strip(rear, rear - 0.50), motions=("backward",), speed=0.2),
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class BaseDescription(_Frozen):
     """A four-wheeled skid-steer base.
@@ -56,6 +75,7 @@ class BaseDescription(_Frozen):
     the geometric one.
     """
 
+    height: float  # m, base_link over flat ground
     wheel_joints: tuple[str, ...]  # front left, front right, rear left, rear right
     wheel_actuators: tuple[str, ...]
     wheel_radius: float  # m
@@ -66,8 +86,10 @@ class BaseDescription(_Frozen):
     max_angular: float  # rad/s
     max_linear_acceleration: float  # m/s^2
     max_angular_acceleration: float  # rad/s^2
+    half_width: float  # m, base_link to the side from which the distance to a row is told
     footprint: Array  # (4, 2) m in base_link, counter-clockwise
     command_timeout: float  # s
+    ticks_per_metre: float  # of the wheel encoders, along the ground
     zones: tuple[SafetyZone, ...] = ()
 
 
@@ -154,11 +176,6 @@ class RobotDescription:
     drivers: Mapping[str, str]
     collision_group: int = 3  # geom group of the shapes that planners use
     frames: Mapping[str, str] = field(default_factory=dict)  # other named frames -> what they are
-
-    def assets(self) -> dict[str, bytes]:
-        """Every mesh and texture beside the MJCF, by file name, as MuJoCo's `assets` argument takes them."""
-        folder = self.mjcf.parent
-        return {path.name: path.read_bytes() for path in sorted(folder.iterdir()) if path.suffix in {".png", ".stl"}}
 
     def T_base_link_sensor(self, name: str) -> Array:
         """Pose of a sensor that is fixed to base_link (4, 4)."""

@@ -11,14 +11,13 @@ from grape.errors import FileError, Problem
 
 
 def check_mjcf(path: Path) -> None:
-    """Compile an MJCF file with the meshes and textures beside it.
+    """Compile an MJCF file with the files, meshes and textures that it names.
 
     Raises:
         FileError: with MuJoCo's reason and, where it tells one, the line.
     """
-    assets = {file.name: file.read_bytes() for file in path.parent.iterdir() if file.suffix in {".png", ".stl", ".obj"}}
     try:
-        mujoco.MjSpec.from_string(path.read_text(encoding="utf-8"), assets=assets).compile()
+        mujoco.MjSpec.from_file(str(path)).compile()
     except (ValueError, OSError) as error:
         text = " ".join(str(error).split())
         line = re.search(r"line (\d+)", text)

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from grape.errors import InvalidInput
+from grape.kinematics import read_mjcf
 from grape.robots import RobotDescription
 from grape.sim.dispenser import dispenser_elements
 from grape.sim.physics import STEP_S
@@ -33,7 +34,9 @@ def compose(world: World, robot: RobotDescription, dispensers: int, stock: int =
     Names of the world's geoms get the prefix `world/`, dispensers are called `dispenser_0`, `dispenser_1`, … The last
     `stock` of them are stored away, asleep, until a refill.
     """
-    spec = mujoco.MjSpec.from_string(_with_dispensers(robot, dispensers + stock), assets=robot.assets())
+    root = _with_dispensers(robot, dispensers + stock)
+    assets = {file: (robot.mjcf.parent / file).read_bytes() for file in _files(root)}
+    spec = mujoco.MjSpec.from_string(ElementTree.tostring(root, encoding="unicode"), assets=assets)
     store(spec, [f"{DISPENSER}{k}" for k in range(dispensers, dispensers + stock)])
     surroundings = world_spec(world)
     spec.visual.map.znear = surroundings.visual.map.znear
@@ -81,9 +84,9 @@ def _coarser(terrain: Terrain, step: int) -> Terrain:
     )
 
 
-def _with_dispensers(robot: RobotDescription, dispensers: int) -> str:
+def _with_dispensers(robot: RobotDescription, dispensers: int) -> ElementTree.Element:
     """The robot's MJCF with dispensers beside it."""
-    root = ElementTree.fromstring(robot.mjcf.read_text(encoding="utf-8"))
+    root = read_mjcf(robot.mjcf)
     worldbody = root.find("worldbody")
     if worldbody is None:
         raise InvalidInput(f"{robot.mjcf} has no <worldbody>")
@@ -92,7 +95,12 @@ def _with_dispensers(robot: RobotDescription, dispensers: int) -> str:
         body, connect = dispenser_elements(f"{DISPENSER}{index}", np.eye(4))
         worldbody.append(body)
         equality.append(connect)
-    return ElementTree.tostring(root, encoding="unicode")
+    return root
+
+
+def _files(root: ElementTree.Element) -> set[str]:
+    """Meshes and textures that a model names, relative to its file."""
+    return {element.attrib["file"] for element in root.iter() if "file" in element.attrib}
 
 
 def _set_options(spec: mujoco.MjSpec) -> None:

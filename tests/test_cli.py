@@ -64,6 +64,8 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["run", "--set", "world=3"], "world: got 3; allowed: key: value lines"),
         (["run", "--set", "plants.9.mode=nail"], "plants is a list of 4: got '9'; allowed: 0 to 3"),
         (["run", "--world", "nowhere.yaml"], "cannot be read"),
+        (["run", "--robot", "robi_jaco"], "did you mean 'robi_jaco2'?"),
+        (["render", "--robot", "huski_jaco2", "vineyard"], "did you mean 'husky_jaco2'?"),
     ],
 )
 def test_wrong_input_exits_with_1_and_no_traceback(
@@ -98,9 +100,9 @@ def test_check_lists_every_problem_of_every_file(capsys: pytest.CaptureFixture[s
 
 
 def test_check_accepts_what_is_built_in(capsys: pytest.CaptureFixture[str]) -> None:
-    code, out, err = grape_command(capsys, "check", "dispenser_deployment", "husky_jaco2")
+    code, out, err = grape_command(capsys, "check", "dispenser_deployment", "husky_jaco2", "robi_jaco2")
     assert (code, err) == (0, "")
-    assert "husky_jaco2: ok, robot husky_jaco2" in out
+    assert "husky_jaco2: ok, robot husky_jaco2" in out and "robi_jaco2: ok, robot robi_jaco2" in out
 
 
 @pytest.mark.parametrize(
@@ -120,5 +122,5 @@ def test_check_refuses_names_it_does_not_know(
 def test_list_shows_missions_nodes_and_ports(capsys: pytest.CaptureFixture[str]) -> None:
     code, out, _ = grape_command(capsys, "list")
     assert code == 0
-    for word in ("dispenser_deployment", "husky_jaco2", "vineyard", "FinishPlant", "outcome"):
+    for word in ("dispenser_deployment", "husky_jaco2", "robi_jaco2", "vineyard", "FinishPlant", "outcome"):
         assert word in out

@@ -112,14 +112,20 @@ def test_every_command_in_a_block_is_accepted(
         refuse_changed(folder)
         return "succeeded"
 
+    def no_map(log: Path, *rest: Any) -> bool:
+        return log.suffix == ".log"
+
+    monkeypatch.setattr("grape.laser_logs.map_command.map_command", no_map)
+    monkeypatch.setattr("grape.laser_logs.localize_command.localize_command", no_map)
     monkeypatch.setattr("grape.mission.command.run_command", dry_run)
     monkeypatch.setattr("grape.mission.command.resume_command", no_resume)
     monkeypatch.setattr("grape.mission.pictures._take", lambda mission, out: [])
     monkeypatch.setattr("grape.campaign.command.run_jobs", lambda jobs, *rest: Standing(jobs=jobs))
     nothing = Experiment(row="G8", summary="", seeds=range(1), run=lambda *given: Proof(quantities=()))
     monkeypatch.setattr("grape.proving.reproduce.experiment_of", lambda row: nothing)
-    unmeasured = Bench(name="manipulation", summary="", run=lambda progress: ())
-    monkeypatch.setattr("grape.experiments.bench_manipulation.BENCH", unmeasured)
+    for name in ("manipulation", "navigation"):
+        unmeasured = Bench(name=name, summary="", run=lambda progress: ())
+        monkeypatch.setattr(f"grape.experiments.bench_{name}.BENCH", unmeasured)
     monkeypatch.setattr(sys, "argv", shlex.split(command))
     with pytest.raises(SystemExit) as end:
         cli.main()
@@ -149,6 +155,9 @@ def test_python_on_a_page_runs(page: str, desk: Path, capsys: pytest.CaptureFixt
         "file_formats.md": "gobelet ['r0v1'",
         "proving_figures.md": "arm states without a collision",
         "deployment_points.md": "9 mm, score 1.00",
+        "filter.md": "x 1.0 1 refused",
+        "maps_and_localisation.md": "off by less than 0.1 m: True share True",
+        "driving.md": "at the goal",
     }[page]
     assert expected in capsys.readouterr().out
 
@@ -253,6 +262,17 @@ def test_every_library_has_its_job_and_range() -> None:
     (rows,) = tables("decisions.md", "Libraries")
     documented = sorted(code(row[0])[0] + code(row[1])[0] for row in rows)
     assert documented == sorted(project["dependencies"])
+
+
+def test_keys_of_a_filter_are_those_of_the_code() -> None:
+    from grape.localization.filter_file import FilterFile, SensorFile
+    from grape.localization.filter_log import COLUMNS
+
+    log, sensor, whole = tables("filter.md", "On recorded data")[:1] + tables("filter.md", "The configuration")
+    assert {name for row in sensor for name in code(row[0])} == set(SensorFile.model_fields)
+    assert {name for row in whole for name in code(row[0])} == set(FilterFile.model_fields) - {"sensors"}
+    named = {name for row in log for name in code(row[0])} - {"std_x", "std_az"}
+    assert named == {name for name in COLUMNS if not name.startswith("std_")}
 
 
 def run_example(name: str, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> None:

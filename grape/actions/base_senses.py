@@ -68,7 +68,7 @@ class BaseSenses:
     def __init__(self, ctx: Context, targets: Array) -> None:
         self._ctx = ctx
         self.footprint = footprint_of(ctx.robot.description.base.footprint)
-        self.surroundings: Surroundings = site_surroundings(ctx.world.site, targets, self.footprint)
+        self.surroundings: Surroundings = site_surroundings(ctx.world.site, targets, ctx.robot.description.base)
         self.points = np.empty((0, 2))
         self.arrived = np.empty((0, 2))
         self.local: Costmap | None = None

@@ -10,35 +10,43 @@ import numpy as np
 
 from grape.actions.base_senses import LOST_S, SCAN_PERIOD_S, BaseSenses, Due
 from grape.actions.core import Context, Feedback, action
+from grape.actions.shortest_way import route_options
 from grape.drivers import BaseDriver
 from grape.errors import ActionFailed, GoalRejected, Reason
 from grape.messages import Array
-from grape.navigation.follower import FollowerState, FollowerStep, Phase, PurePursuit, PursuitOptions
+from grape.navigation.follower import FollowerState, FollowerStep, LocalPlanner, Phase, PursuitOptions
+from grape.navigation.grid import Costmap, Footprint
 from grape.navigation.monitor import MonitorOptions, speed_factor
-from grape.navigation.newcomers import NewcomerOptions, near_path
+from grape.navigation.newcomers import PassingOptions, PassingWatch
 from grape.navigation.path import Path, in_frame_of
 from grape.navigation.planner import PlannerOptions, path_blocked, plan_route
 from grape.navigation.progress import ProgressChecker
 from grape.navigation.route import waypoints
+from grape.navigation.turning import RoomToTurn, TurnRoomOptions
+from grape.plugins import LOCAL_PLANNERS, find, load
 
+PURE_PURSUIT = "pure_pursuit"
 CONTROL_PERIOD_S = 0.05
 REPLAN_S = 2.0
 MAX_REPLANS = 8
 DETOUR_S = 6.0  # standing before a long way around is taken: who walked in may leave
-KEEP_AHEAD_M = 2.5  # of the path, in which nobody may walk while the robot drives
-KEEP_BESIDE_M = 0.6  # and so far beside the robot's sides
-STILL_S = 1.5  # after which who has come and stands counts as an obstacle like any other
+KEEP_BESIDE_M = 0.6  # of the robot's sides, in which nobody may walk while it drives
+STRAYING = (Phase.TURN, Phase.RETREAT, Phase.MAKE_ROOM)  # does not come nearer meanwhile
 
 
 @dataclass(frozen=True, kw_only=True)
 class DriveGoal:
-    """Where to stand in map: x, y in metres, yaw in radians; speed in m/s, timeout_s of the whole drive."""
+    """Where to stand in map: x, y in metres, yaw in radians; speed in m/s, timeout_s of the whole drive.
+
+    planner: a plugin of the group `grape.local_planners`; all but the pure pursuit turn only where there is room.
+    """
 
     x: float
     y: float
     yaw: float
     speed: float = 0.8
     timeout_s: float = 240.0
+    planner: str = PURE_PURSUIT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,6 +66,8 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
     target = np.array([goal.x, goal.y, goal.yaw])
     if not np.isfinite(target).all() or not 0.0 < goal.speed <= ctx.robot.description.base.max_linear:
         raise GoalRejected(f"a finite pose and a speed up to {ctx.robot.description.base.max_linear} m/s, got {goal}")
+    if goal.planner not in (known := find(LOCAL_PLANNERS)):
+        raise GoalRejected(f"no local planner {goal.planner!r}; there are {', '.join(sorted(known))}")
     with ctx.base.lease("DriveToPose") as base:
         drive = _Drive(target, goal, ctx)
         yield from drive.localized(base)
@@ -79,7 +89,7 @@ class _Drive:
         footprint = self._senses.footprint
         self._planner = PlannerOptions(footprint=footprint)
         self._monitor = MonitorOptions(footprint=footprint)
-        self._follower = PurePursuit(PursuitOptions(speed=goal.speed, footprint=footprint))
+        self._follower = _follower(goal, footprint, self._senses.surroundings.fences())
         self._state = FollowerState()
         self._path: Path | None = None
         self._command = (0.0, 0.0)
@@ -87,7 +97,7 @@ class _Drive:
         self._due, self._replan_s = Due(), 0.0
         self._begun_s = ctx.clock.now()
         self._progress = ProgressChecker(begun_s=self._begun_s)
-        self._walked_s = -np.inf  # when somebody was last seen to walk near the path
+        self._passing = PassingWatch(options=PassingOptions(beside=footprint.half_width + KEEP_BESIDE_M))
         self._last: Array | None = None
         self._driven = 0.0
         self._replans = 0
@@ -219,14 +229,10 @@ class _Drive:
     def _somebody_walks(self, now: float) -> bool:
         """Whether to stand because somebody walks near the path ahead, or did a moment ago."""
         assert self._path is not None
-        ahead = self._path.ahead(self._state.travelled, self._state.travelled + KEEP_AHEAD_M)
-        reach = self._senses.footprint.half_width + KEEP_BESIDE_M
-        walking = self._senses.arrived[near_path(self._senses.arrived, ahead, reach)]
-        if len(walking) >= NewcomerOptions().least_points:
-            if now - self._walked_s > STILL_S:
-                self._ctx.log.event("waiting", why="somebody walks near the path", place=walking.mean(axis=0))
-            self._walked_s = now
-        return now - self._walked_s <= STILL_S
+        place = self._passing.update(now, self._senses.arrived, self._path, self._state.travelled)
+        if place is not None:
+            self._ctx.log.event("waiting", why="somebody walks near the path", place=place)
+        return self._passing.holds(now)
 
     def _note_progress(self, now: float, pose: Array, *, blocked: bool) -> None:
         if self._last is not None:
@@ -237,7 +243,7 @@ class _Drive:
         progress, phase = self._progress, self._state.phase
         left = float(np.hypot(*(pose[:2] - self._target[:2]))) + abs(in_frame_of(pose, self._target)[2])
         way = self._way_left() + 0.1 * left
-        progress.update(now, way, blocked=blocked, excused=phase in (Phase.TURN, Phase.RETREAT))
+        progress.update(now, way, blocked=blocked, excused=phase in STRAYING)
         if phase is Phase.TRACK and progress.stuck(now):
             patience = progress.options.stuck_s
             raise ActionFailed(Reason.BLOCKED, f"no progress for {patience:.0f} s: wheels slip or something holds")
@@ -266,7 +272,8 @@ class _Drive:
 
     def _plan_arguments(self) -> tuple[Any, ...]:
         pose = self._senses.pose()
-        stops = waypoints(self._ctx.world.site.rows, pose, self._target)
+        options = route_options(self._ctx.robot.description)
+        stops = waypoints(self._ctx.world.site.rows, pose, self._target, options)
         return self._senses.surroundings.overall(), pose, stops, self._planner
 
     def _wait_scans(self, base: BaseDriver) -> Generator[Feedback, None, None]:
@@ -277,3 +284,11 @@ class _Drive:
             self._senses.fresh(self._ctx.clock.now())
             self._senses.update()
             yield Feedback(status="looking around")
+
+
+def _follower(goal: DriveGoal, footprint: Footprint, fences: Costmap) -> LocalPlanner:
+    """The local planner that a goal names; all but the pure pursuit turn only where there is room."""
+    planner: LocalPlanner = load(LOCAL_PLANNERS, goal.planner)(PursuitOptions(speed=goal.speed, footprint=footprint))
+    if goal.planner == PURE_PURSUIT:
+        return planner
+    return RoomToTurn(planner, TurnRoomOptions(footprint=footprint), fences)

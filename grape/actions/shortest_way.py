@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -10,10 +11,11 @@ from grape.actions.core import Context
 from grape.errors import ActionFailed, Reason
 from grape.geometry import yaw_of
 from grape.messages import Array
+from grape.navigation.beams import ScanOptions, SliceOptions
 from grape.navigation.costmap import InflationOptions
 from grape.navigation.grid import Footprint
 from grape.navigation.planner import PlannerOptions, plan_route
-from grape.navigation.route import row_zones, waypoints
+from grape.navigation.route import RouteOptions, row_zones, waypoints
 from grape.navigation.surroundings import Surroundings, SurroundingsOptions
 from grape.site import Site
 
@@ -26,11 +28,12 @@ def shortest_way(ctx: Context, goals: Sequence[tuple[float, float, float]]) -> i
     """
     T_map_base, targets = ctx.world.base_pose(), np.array(goals)
     pose = np.array([T_map_base[0, 3], T_map_base[1, 3], yaw_of(T_map_base)])
-    footprint = footprint_of(ctx.robot.description.base.footprint)
-    costs = site_surroundings(ctx.world.site, targets, footprint).overall()
+    description = ctx.robot.description
+    footprint = footprint_of(description.base.footprint)
+    costs = site_surroundings(ctx.world.site, targets, description.base).overall()
     lengths, failed = [], ActionFailed(Reason.NO_PATH, "nowhere to go")
     for target in targets:
-        stops = waypoints(ctx.world.site.rows, pose, target)
+        stops = waypoints(ctx.world.site.rows, pose, target, route_options(description))
         try:
             lengths.append(plan_route(costs, pose, stops, PlannerOptions(footprint=footprint)).length)
         except ActionFailed as failure:
@@ -41,14 +44,30 @@ def shortest_way(ctx: Context, goals: Sequence[tuple[float, float, float]]) -> i
     return int(np.argmin(lengths))
 
 
-def site_surroundings(site: Site, targets: Array, footprint: Footprint) -> Surroundings:
-    """Prohibited areas of a site, on a grid around everything on it and around the targets (n, 3)."""
+def site_surroundings(site: Site, targets: Array, base: Any) -> Surroundings:
+    """Prohibited areas of a site, on a grid around everything on it and around the targets (n, 3).
+
+    Args:
+        base: `grape.robots.BaseDescription` of the robot that looks around.
+    """
+    footprint = footprint_of(base.footprint)
     points = [*(row.line for row in site.rows), *(area.polygon for area in site.headlands), site.start, targets[:, :2]]
     return Surroundings(
         [*(fence.polygon for fence in site.fences), *row_zones(site.rows)],
         np.vstack(points),
-        SurroundingsOptions(footprint=footprint, inflation=InflationOptions(inscribed=footprint.inscribed)),
+        SurroundingsOptions(
+            footprint=footprint,
+            inflation=InflationOptions(inscribed=footprint.inscribed),
+            scan=ScanOptions(ground=-base.height),
+            slice=SliceOptions(ground=-base.height),
+        ),
     )
+
+
+def route_options(description: Any, beside_m: float = 0.50, **more: float) -> RouteOptions:
+    """Distances along rows for a robot, its side `beside_m` from the row; `more` are other fields of the options."""
+    arm_x = float(description.arm.T_base_link_arm_base[0, 3])
+    return RouteOptions(lateral=description.base.half_width + beside_m, arm_x=arm_x, **more)
 
 
 def footprint_of(corners: Array) -> Footprint:

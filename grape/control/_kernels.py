@@ -5,27 +5,92 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from grape.kinematics._inverse_kernels import forward
+from grape.kinematics._inverse_kernels import forward, rotation_between
+
+SWEEPS = 30  # far more than are ever needed; convergence is quadratic
 
 
 @njit(cache=True)
 def damped_inverse(J, twist, damping_sigma, rotation_weight):
     """Joint velocities (n,) with least squared error of the twist, and the smallest singular value of the Jacobian."""
-    weighted, wish = J.copy(), twist.copy()
-    weighted[3:] *= rotation_weight
+    wish = twist.copy()
     wish[3:] *= rotation_weight
-    U, sigma, Vt = np.linalg.svd(weighted, False)
-    smallest = sigma[-1]
+    rows, U = _weighted_rows(J, rotation_weight), np.eye(6)
+    squares = _orthogonalised(rows, U)
+    smallest = np.sqrt(_smallest(squares, J.shape[1]))
     damping = max(damping_sigma**2 - smallest**2, 0.0)
     velocity = np.zeros(J.shape[1])
-    for k in range(len(sigma)):
+    for k in range(6):
         along = 0.0
         for r in range(6):
-            along += U[r, k] * wish[r]
-        along *= sigma[k] / max(sigma[k] ** 2 + damping, 1e-12)
+            along += U[k, r] * wish[r]
+        along /= max(squares[k] + damping, 1e-12)
         for i in range(len(velocity)):
-            velocity[i] += Vt[k, i] * along
+            velocity[i] += rows[k, i] * along
     return velocity, smallest
+
+
+@njit(cache=True)
+def _smallest_singular_value(J, rotation_weight):
+    rows = _weighted_rows(J, rotation_weight)
+    return np.sqrt(_smallest(_orthogonalised(rows, np.eye(6)), J.shape[1]))
+
+
+@njit(cache=True)
+def _weighted_rows(J, rotation_weight):
+    rows = J.copy()
+    rows[3:] *= rotation_weight
+    return rows
+
+
+@njit(cache=True)
+def _smallest(squares, joints):
+    """Smallest of as many squared singular values as there are, which fewer than six joints make fewer than six."""
+    return np.sort(squares)[max(6 - joints, 0)]
+
+
+@njit(cache=True)
+def _orthogonalised(rows, U):
+    """In place: turns rows (6, n) by plane rotations, kept in U, until they are orthogonal; their squared lengths (6,).
+
+    With U A the rows in the end, A = U^T diag(sigma) V^T, and row k is sigma_k times row k of V^T.
+    Source: Hestenes, Inversion of matrices by biorthogonalization and related results, 1958.
+    """
+    for _ in range(SWEEPS):
+        settled = True
+        for a in range(5):
+            for b in range(a + 1, 6):
+                aa, bb, ab = _dot(rows, a, a), _dot(rows, b, b), _dot(rows, a, b)
+                if ab * ab > 1e-28 * aa * bb:
+                    settled = False
+                    lean = (bb - aa) / (2.0 * ab)
+                    tangent = np.copysign(1.0, lean) / (abs(lean) + np.sqrt(1.0 + lean * lean))
+                    _rotate(rows, a, b, tangent)
+                    _rotate(U, a, b, tangent)
+        if settled:
+            break
+    squares = np.empty(6)
+    for k in range(6):
+        squares[k] = _dot(rows, k, k)
+    return squares
+
+
+@njit(cache=True)
+def _dot(rows, a, b):
+    total = 0.0
+    for i in range(rows.shape[1]):
+        total += rows[a, i] * rows[b, i]
+    return total
+
+
+@njit(cache=True)
+def _rotate(rows, a, b, tangent):
+    """Turns two rows in their plane."""
+    cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
+    sine = cosine * tangent
+    for i in range(rows.shape[1]):
+        one, two = rows[a, i], rows[b, i]
+        rows[a, i], rows[b, i] = cosine * one - sine * two, sine * one + cosine * two
 
 
 @njit(cache=True)
@@ -69,8 +134,7 @@ def joint_velocities(q, twist, placements, axes, bounds, options):
     ahead = np.inf
     if sigma < options[1]:
         forward(placements, axes, q + options[5] * velocity, T, J)
-        J[3:] *= options[6]
-        ahead = np.linalg.svd(J, False)[1][-1]
+        ahead = _smallest_singular_value(J, options[6])
     return velocity, scale / excess, sigma, ahead, held
 
 
@@ -139,3 +203,25 @@ def feature_twist(T_base_camera, corners, views, square):
             twist[r] += R[r, c] * v[c]
             twist[3 + r] += R[r, c] * v[3 + c]
     return twist, largest
+
+
+@njit(cache=True)
+def to_camera(T_base_camera, p_base):
+    """A point (3,) of the base frame in the optical frame."""
+    p = np.zeros(3)
+    for r in range(3):
+        for c in range(3):
+            p[r] += T_base_camera[c, r] * (p_base[c] - T_base_camera[c, 3])
+    return p
+
+
+@njit(cache=True)
+def holding_twist(T_base_camera, v_camera, T_base_start, orientation_gain):
+    """Twist (6,) along the base axes: a velocity of the optical frame, and the turn back to `T_base_start` (4, 4)."""
+    twist = np.zeros(6)
+    rotation_between(T_base_start, T_base_camera, twist[3:])
+    for r in range(3):
+        twist[3 + r] *= orientation_gain
+        for c in range(3):
+            twist[r] += T_base_camera[r, c] * v_camera[c]
+    return twist

@@ -8,23 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cached_property
 from math import isfinite
-from types import ModuleType
 
 import numpy as np
 
+from grape.control.compiled import kernels
 from grape.errors import InvalidInput
 from grape.kinematics import ROTATION_WEIGHT, ArmModel
 from grape.messages import Array, frozen_array
-
-
-@cache
-def _kernels() -> ModuleType:
-    """The compiled kernels, imported when they are first used."""
-    from grape.control import _kernels
-
-    return _kernels
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,10 +118,10 @@ class DifferentialIk:
             InvalidInput: the twist is not six finite numbers.
         """
         twist = np.asarray(twist, dtype=float)
-        if twist.shape != (6,) or not isfinite(twist.sum()):
+        if twist.shape != (6,) or not isfinite(sum(twist.tolist())):
             raise InvalidInput(f"a twist must be six finite numbers (m/s, rad/s), got {twist}")
         q = self.arm.checked(q)
-        velocity, scale, sigma, sigma_ahead, held = _kernels().joint_velocities(q, twist, *self._settings)
+        velocity, scale, sigma, sigma_ahead, held = kernels().joint_velocities(q, twist, *self._settings)
         share, hindrance = self._free_share(q, velocity, sigma, sigma_ahead)
         return JointVelocityCommand(
             velocity=velocity * share,
@@ -174,7 +166,7 @@ def damped_inverse(J: Array, twist: Array, damping_sigma: float) -> tuple[Array,
 
     Below `damping_sigma` the squared damping grows from 0 to `damping_sigma`^2.
     """
-    return _kernels().damped_inverse(np.ascontiguousarray(J), twist, damping_sigma, ROTATION_WEIGHT)
+    return kernels().damped_inverse(np.ascontiguousarray(J), twist, damping_sigma, ROTATION_WEIGHT)
 
 
 def shift_twist(twist: Array, p_from: Array, p_to: Array) -> Array:

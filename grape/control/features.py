@@ -10,6 +10,7 @@ from math import exp
 
 import numpy as np
 
+from grape.control.compiled import kernels
 from grape.geometry import inverse, rotation_log
 from grape.messages import Array
 
@@ -44,9 +45,7 @@ def square_depths(xy: Array, side: float) -> Array:
 
 def interaction_matrix(xy: Array, depth: Array) -> Array:
     """(2 n, 6): how normalised points (n, 2) at depths (n,) m move with the camera's twist (optical frame)."""
-    from grape.control import _kernels
-
-    return _kernels.interaction_matrix(xy, depth)
+    return kernels().interaction_matrix(xy, depth)
 
 
 def adaptive_gain(error: float, at_zero: float, at_infinity: float, slope: float) -> float:

@@ -5,12 +5,14 @@ Source: Chaumette and Hutchinson, Visual servo control, part I, 2006; adaptive g
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import exp
 
 import numpy as np
 
+from grape.control.compiled import kernels
 from grape.control.features import (
     adaptive_gain,
     marker_corners,
@@ -122,7 +124,7 @@ class MarkerServo:
         self._targets, self._side, self._K = dict(targets), marker_side, np.asarray(K, float)
         self._square = marker_corners(marker_side)
         self._corners: dict[int, Array] = {}  # (4, 3) m in the base frame, markers of the last frame that had any
-        self._standoffs: list[tuple[float, float]] = []  # (time, stand-off)
+        self._standoffs: deque[tuple[float, float]] = deque(maxlen=100)  # (time, stand-off)
         options = self.options
         self._watch = FeatureWatch(f"markers {sorted(targets)}", options.fade_from_s, options.fade_to_s, options.lost_s)
         self._gate = StageGate(
@@ -199,12 +201,10 @@ class MarkerServo:
 
     def _servo_twist(self, T_base_camera: Array, speed: float) -> Array:
         """-gain L^+ (s - s*) plus the motion of s*, turned into the base axes."""
-        from grape.control._kernels import feature_twist
-
         standoff, options = self.state.standoff_m, self.options
         corners = np.concatenate(list(self._corners.values()))
         views = np.array([self._targets[i](standoff) for i in self._corners])
-        twist, error = feature_twist(np.ascontiguousarray(T_base_camera), corners, views, self._square)
+        twist, error = kernels().feature_twist(np.ascontiguousarray(T_base_camera), corners, views, self._square)
         twist *= adaptive_gain(error, options.gain_at_zero, options.gain_at_infinity, options.gain_slope)
         if speed > 0.0:
             v_camera = view_velocity(self._targets[next(iter(self._corners))], standoff, speed)
@@ -222,7 +222,7 @@ class MarkerServo:
         return speed
 
     def _remember(self, now: float) -> None:
-        self._standoffs = [*self._standoffs[-99:], (now, self.state.standoff_m)]
+        self._standoffs.append((now, self.state.standoff_m))
 
     def _standoff_at(self, stamp: float) -> float:
         """The stand-off that was asked for when a frame was taken."""

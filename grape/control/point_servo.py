@@ -8,13 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from math import dist, hypot
 
 import numpy as np
 
+from grape.control.compiled import kernels
 from grape.control.features import adaptive_gain
 from grape.control.servo_run import FeatureWatch, ServoStage, StageGate, descent
 from grape.errors import ActionFailed, InvalidInput, Reason
-from grape.geometry import inverse, rotation_log, transform
+from grape.geometry import inverse, transform
 from grape.messages import Array
 
 
@@ -129,8 +131,7 @@ class PointServo:
             stop_limit=options.stop_error_m,
             stop_frames=options.stop_frames,
         )
-        self._rotation: Array | None = None
-        self._origin: Array | None = None
+        self._start: Array | None = None  # (4, 4) of the optical frame when it began
         self._least = float("inf")
 
     def predict(self, T_base_camera: Array) -> tuple[Array, float] | None:
@@ -186,21 +187,19 @@ class PointServo:
         Raises:
             ActionFailed: FEATURE_LOST, STALE_DATA or DISTANCE_GROWS.
         """
-        if self._rotation is None:
-            self._rotation, self._origin = T_base_camera[:3, :3].copy(), T_base_camera[:3, 3].copy()
+        if self._start is None:
+            self._start = np.array(T_base_camera, float)
         dt = self._watch.beat(now)
         share = self._watch.share(now, blind=self._may_go_blind())
         if share == 0.0 or self._point is None or self.state.converged:
             return np.zeros(6)
-        p_camera = transform(inverse(T_base_camera), self._point)
-        self._watch_distance(p_camera, T_base_camera)
+        T = np.ascontiguousarray(T_base_camera, float)
+        p_camera = kernels().to_camera(T, self._point)
+        self._watch_distance(p_camera, float(dist(T[:3, 3], self._start[:3, 3])))
         options, error = self.options, p_camera - self._target(self.state.standoff_m)
-        gain = adaptive_gain(
-            float(np.linalg.norm(error)), options.gain_at_zero, options.gain_at_infinity, options.gain_slope
-        )
+        gain = adaptive_gain(hypot(*error), options.gain_at_zero, options.gain_at_infinity, options.gain_slope)
         v_camera = gain * error + self._descend(dt)
-        R = T_base_camera[:3, :3]
-        return share * np.r_[R @ v_camera, options.orientation_gain * rotation_log(self._rotation @ R.T)]
+        return share * kernels().holding_twist(T, v_camera, self._start, options.orientation_gain)
 
     def _measure(self, pixel: Array | None, depth: float | None, T_base_camera: Array) -> bool:
         """Believe a measurement or not; moves the estimate of the point when it does."""
@@ -230,10 +229,9 @@ class PointServo:
             and self._measured_distance <= self.options.standoff_m + self.options.blind_m
         )
 
-    def _watch_distance(self, p_camera: Array, T_base_camera: Array) -> None:
-        distance = float(np.linalg.norm(p_camera - self._target(0.0)))
+    def _watch_distance(self, p_camera: Array, travelled: float) -> None:
+        distance = dist(p_camera, self._target(0.0))
         self._least = min(self._least, distance)
-        travelled = float(np.linalg.norm(T_base_camera[:3, 3] - self._origin))
         if travelled > self.options.grace_m and distance > self._least + self.options.growth_max_m:
             raise ActionFailed(
                 Reason.DISTANCE_GROWS,

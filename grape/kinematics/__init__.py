@@ -3,7 +3,7 @@
 from grape.kinematics.arm import ROTATION_WEIGHT, ArmModel
 from grape.kinematics.hand import HandModel, NailGeometry
 from grape.kinematics.inverse import IkOptions, IkResult, IkSolution, inverse, inverse_all, inverse_path
-from grape.kinematics.mjcf import BodyInertia, Link, Shape, read_body_pose, read_chain, read_shapes
+from grape.kinematics.mjcf import BodyInertia, Link, Shape, read_body_pose, read_chain, read_mjcf, read_shapes
 
 __all__ = [
     "ROTATION_WEIGHT",
@@ -21,5 +21,6 @@ __all__ = [
     "inverse_path",
     "read_body_pose",
     "read_chain",
+    "read_mjcf",
     "read_shapes",
 ]

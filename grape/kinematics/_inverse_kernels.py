@@ -93,25 +93,32 @@ def _turn(axis, angle):
 
 @njit(cache=True)
 def _pose_error(T_target, T, error):
-    """Fills `error` (6,): target minus current, translation, then rotation vector by way of the quaternion."""
-    R = np.empty((3, 3))
+    """Fills `error` (6,): target minus current, translation, then rotation vector."""
     for r in range(3):
         error[r] = T_target[r, 3] - T[r, 3]
+    rotation_between(T_target, T, error[3:])
+
+
+@njit(cache=True)
+def rotation_between(R_target, R, vector):
+    """Fills the rotation vector (3,) of R_target R^T, angle in [0, pi]; of poses the rotation counts."""
+    D = np.empty((3, 3))
+    for r in range(3):
         for c in range(3):
-            R[r, c] = T_target[r, 0] * T[c, 0] + T_target[r, 1] * T[c, 1] + T_target[r, 2] * T[c, 2]
-    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    trace = R[0, 0] + R[1, 1] + R[2, 2]
+            D[r, c] = R_target[r, 0] * R[c, 0] + R_target[r, 1] * R[c, 1] + R_target[r, 2] * R[c, 2]
+    x, y, z = D[2, 1] - D[1, 2], D[0, 2] - D[2, 0], D[1, 0] - D[0, 1]
+    trace = D[0, 0] + D[1, 1] + D[2, 2]
     sine = np.sqrt(x * x + y * y + z * z)
     angle = np.arctan2(sine, trace - 1.0)
     if sine > 1e-9:
-        error[3], error[4], error[5] = x / sine * angle, y / sine * angle, z / sine * angle
+        vector[0], vector[1], vector[2] = x / sine * angle, y / sine * angle, z / sine * angle
     elif trace > 0.0:
-        error[3], error[4], error[5] = 0.5 * x, 0.5 * y, 0.5 * z
+        vector[0], vector[1], vector[2] = 0.5 * x, 0.5 * y, 0.5 * z
     else:
         k = 0
         for i in range(1, 3):
-            if R[i, i] > R[k, k]:
+            if D[i, i] > D[k, k]:
                 k = i
-        axis = np.sqrt(max(0.5 * (1.0 + R[k, k]), 1e-12))
+        axis = np.sqrt(max(0.5 * (1.0 + D[k, k]), 1e-12))
         for i in range(3):
-            error[3 + i] = np.pi * (axis if i == k else 0.5 * R[i, k] / axis)
+            vector[i] = np.pi * (axis if i == k else 0.5 * D[i, k] / axis)

@@ -99,7 +99,7 @@ class ArmModel:
             InvalidInput: another shape, or not finite.
         """
         q = np.asarray(q, dtype=float)
-        if q.shape != (self.dof,) or not isfinite(q.sum()):
+        if q.shape != (self.dof,) or not isfinite(sum(q.tolist())):
             raise InvalidInput(f"joint angles must be {self.dof} finite numbers in rad, got {q}")
         return q
 

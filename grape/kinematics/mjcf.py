@@ -56,13 +56,31 @@ class Shape:
     half_size: Array  # (3,) m, of a box
 
 
+def read_mjcf(path: Path) -> _Element:
+    """The root of an MJCF file, every `<include>` replaced by what is in the file that it names.
+
+    Raises:
+        InvalidInput: a file cannot be read, or is included twice.
+    """
+    root, included = _parse(path), {path.resolve()}
+    while places := [(parent, child) for parent in root.iter() for child in parent if child.tag == "include"]:
+        parent, include = places[0]
+        file = (path.parent / include.get("file", "")).resolve()
+        if file in included:
+            raise InvalidInput(f"{path}: {include.get('file')} is included twice")
+        included.add(file)
+        index = list(parent).index(include)
+        parent[index : index + 1] = list(_parse(file))
+    return root
+
+
 def read_chain(path: Path, base: str, tip: str) -> tuple[Link, ...]:
     """The hinged links between the body `base` (excluded) and the body `tip` (included), root first.
 
     Raises:
         InvalidInput: there is no such body, or `tip` does not hang on `base` by one hinge a body.
     """
-    root = _parse(path)
+    root = read_mjcf(path)
     defaults = _Defaults(root)
     parents = {child: parent for parent in root.iter() for child in parent}
     body, child, links = _find_body(root, tip, path), None, []
@@ -80,7 +98,7 @@ def read_shapes(path: Path, group: int = 3) -> tuple[Shape, ...]:
     Raises:
         InvalidInput: a shape of that group is neither a capsule given by `fromto` nor a box.
     """
-    root = _parse(path)
+    root = read_mjcf(path)
     defaults = _Defaults(root)
     shapes = []
     for body in root.iter("body"):
@@ -93,7 +111,7 @@ def read_shapes(path: Path, group: int = 3) -> tuple[Shape, ...]:
 
 def read_body_pose(path: Path, body: str, ancestor: str) -> Array:
     """`T_ancestor_body` (4, 4) with every joint between them at 0."""
-    root = _parse(path)
+    root = read_mjcf(path)
     parents = {child: parent for parent in root.iter() for child in parent}
     element, T = _find_body(root, body, path), np.eye(4)
     while element.get("name") != ancestor:
@@ -110,7 +128,7 @@ class _Defaults:
     def __init__(self, root: _Element) -> None:
         self._classes: dict[str, dict[str, dict[str, str]]] = {}
         for top in root.findall("default"):
-            self._collect(top, {}, "main")
+            self._collect(top, self._classes.get("main", {}), "main")
 
     def _collect(self, element: _Element, inherited: dict[str, dict[str, str]], name: str) -> None:
         own = {tag: dict(values) for tag, values in inherited.items()}

@@ -1,4 +1,4 @@
-"""Compiled steps of the 15-state filter; the state order is `ekf.STATE`.
+"""Compiled steps of the 15-state filter; the state order is `state.STATE`.
 
 Source: Moore and Stouch, A generalized extended Kalman filter implementation for the Robot Operating System, 2014.
 """
@@ -8,48 +8,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from grape.localization.ekf_observation import DIRECT, N, observe, rotated_by_rpy, rotation, wrap
 from grape.messages import Array
 
-N = 15
+__all__ = ["DIRECT", "advance", "correct", "flatten", "fuse", "observe", "predict", "rotation", "usable"]
 
-
-@njit(cache=True)
-def rotation(roll: float, pitch: float, yaw: float) -> Array:
-    """R_map_base = Rz(yaw) Ry(pitch) Rx(roll)."""
-    cr, sr = np.cos(roll), np.sin(roll)
-    cp, sp = np.cos(pitch), np.sin(pitch)
-    cy, sy = np.cos(yaw), np.sin(yaw)
-    R = np.empty((3, 3))
-    R[0, 0], R[0, 1], R[0, 2] = cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr
-    R[1, 0], R[1, 1], R[1, 2] = sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr
-    R[2, 0], R[2, 1], R[2, 2] = -sp, cp * sr, cp * cr
-    return R
-
-
-@njit(cache=True)
-def rotated_by_rpy(R: Array, roll: float, b: Array) -> Array:
-    """Derivative (3, 3) of R(roll, pitch, yaw) b by (roll, pitch, yaw)."""
-    cr, sr = np.cos(roll), np.sin(roll)
-    J = np.empty((3, 3))
-    # dR/droll = R [e_x]x, dR/dpitch = R [Rx^T e_y]x, dR/dyaw = [e_z]x R
-    pitch_axis = (0.0, cr, -sr)
-    for i in range(3):
-        J[i, 0] = -R[i, 1] * b[2] + R[i, 2] * b[1]
-        J[i, 1] = (
-            R[i, 0] * (pitch_axis[1] * b[2] - pitch_axis[2] * b[1])
-            + R[i, 1] * (pitch_axis[2] * b[0])
-            - R[i, 2] * (pitch_axis[1] * b[0])
-        )
-    Rb0 = R[0, 0] * b[0] + R[0, 1] * b[1] + R[0, 2] * b[2]
-    Rb1 = R[1, 0] * b[0] + R[1, 1] * b[1] + R[1, 2] * b[2]
-    J[0, 2], J[1, 2], J[2, 2] = -Rb1, Rb0, 0.0
-    return J
-
-
-@njit(cache=True)
-def wrap(angle: float) -> float:
-    """The angle in [-pi, pi)."""
-    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+LEAST_COS_PITCH = 1e-3  # Euler angles end at pitch 90 degrees; short of it the rates stay finite
 
 
 @njit(cache=True)
@@ -61,6 +25,9 @@ def predict(x: Array, P: Array, noise: Array, motion_noise: Array, turn_noise: A
     R = rotation(x[3], x[4], x[5])
     cr, sr = np.cos(x[3]), np.sin(x[3])
     cp, tp = np.cos(x[4]), np.tan(x[4])
+    if abs(cp) < LEAST_COS_PITCH:
+        cp = LEAST_COS_PITCH
+        tp = np.sin(x[4]) / cp
     step = x[6:9] * dt + 0.5 * dt * dt * x[12:15]
     F = np.eye(N)
     F[0:3, 3:6] = rotated_by_rpy(R, x[3], step)
@@ -86,56 +53,81 @@ def predict(x: Array, P: Array, noise: Array, motion_noise: Array, turn_noise: A
     y[4] = wrap(x[4] + (cr * wy - sr * wz) * dt)
     y[5] = wrap(x[5] + turn / cp * dt)
     speed, rate = np.sqrt(x[6] ** 2 + x[7] ** 2), abs(x[11])
-    A = np.zeros((N, N))
+    A, Qt = np.zeros((N, N)), np.zeros((N, N))
     for i in range(N):
         for k in range(N):
             if F[i, k] != 0.0:
                 for j in range(N):
                     A[i, j] += F[i, k] * P[k, j]
-    Q = np.zeros((N, N))
+    At = A.T.copy()  # the transposed product, so that innermost loops run along rows
+    for j in range(N):
+        for k in range(N):
+            if F[j, k] != 0.0:
+                for i in range(N):
+                    Qt[j, i] += At[k, i] * F[j, k]
+    Q = Qt.T.copy()
     for i in range(N):
-        for j in range(N):
-            total = 0.0
-            for k in range(N):
-                total += A[i, k] * F[j, k]
-            Q[i, j] = total
         Q[i, i] += (noise[i] + motion_noise[i] * speed + turn_noise[i] * rate) * dt
     return y, Q
 
 
 @njit(cache=True)
-def observe(x: Array, index: Array, lever: Array) -> tuple[Array, Array]:
-    """Expected values (m,) of the state components `index` at the point `lever` (m, base frame), and their Jacobian."""
-    m = index.shape[0]
-    h, H = np.empty(m), np.zeros((m, N))
-    R = rotation(x[3], x[4], x[5])
-    J = rotated_by_rpy(R, x[3], lever)
-    w = x[9:12]
-    for k in range(m):
-        i = index[k]
-        h[k] = x[i]
-        H[k, i] = 1.0
-        if i < 3:
-            h[k] += R[i, 0] * lever[0] + R[i, 1] * lever[1] + R[i, 2] * lever[2]
-            H[k, 3:6] = J[i]
-        elif 6 <= i < 9:  # velocity of the point: v + w x lever
-            a, b = (i - 6 + 1) % 3, (i - 6 + 2) % 3
-            h[k] += w[a] * lever[b] - w[b] * lever[a]
-            H[k, 9 + a] += lever[b]
-            H[k, 9 + b] -= lever[a]
-    return h, H
+def flatten(x: Array, P: Array) -> None:
+    """Hold what leaves the plane (z, roll, pitch, their rates, az) at zero, in place."""
+    for i in (2, 3, 4, 8, 9, 10, 14):
+        x[i] = 0.0
+        for j in range(N):
+            P[i, j] = P[j, i] = 0.0
+        P[i, i] = 1e-9
+
+
+@njit(cache=True)
+def advance(x: Array, P: Array, noises: Array, duration: float, steps: int, two_d: bool) -> tuple[Array, Array]:
+    """Mean and covariance after `duration` seconds in so many equal steps; `noises` (3, 15) as of `predict`."""
+    y, C = x.copy(), P.copy()
+    for _ in range(steps):
+        y, C = predict(y, C, noises[0], noises[1], noises[2], duration / steps)
+    if two_d:
+        flatten(y, C)
+    return y, C
+
+
+@njit(cache=True)
+def usable(value: Array, covariance: Array, lever: Array) -> bool:
+    """Whether all numbers are finite and the covariance is symmetric and positive definite."""
+    m = value.shape[0]
+    for k in range(3):
+        if not np.isfinite(lever[k]):
+            return False
+    L = np.zeros((m, m))
+    for i in range(m):
+        if not np.isfinite(value[i]):
+            return False
+        for j in range(i + 1):
+            c = covariance[i, j]
+            if not np.isfinite(c) or abs(c - covariance[j, i]) > 1e-9 * (abs(c) + abs(covariance[j, i])):
+                return False
+            for k in range(j):
+                c -= L[i, k] * L[j, k]
+            if i > j:
+                L[i, j] = c / L[j, j]
+            elif c <= 0.0:
+                return False
+            else:
+                L[i, i] = np.sqrt(c)
+    return True
 
 
 @njit(cache=True)
 def correct(
-    x: Array, P: Array, index: Array, z: Array, R: Array, lever: Array, gate: float
+    x: Array, P: Array, index: Array, z: Array, R: Array, lever: Array, gate: float, frames: Array
 ) -> tuple[Array, Array, float]:
     """Kalman update with the values z (m,) and covariance R (m, m); returns mean, covariance, Mahalanobis distance.
 
     Beyond the distance `gate` the mean and covariance come back unchanged.
     """
     m = index.shape[0]
-    h, H = observe(x, index, lever)
+    h, H = observe(x, index, lever, frames)
     innovation = z - h
     for k in range(m):
         if 3 <= index[k] < 6:
@@ -168,13 +160,39 @@ def correct(
     distance = np.sqrt(distance)
     if distance > gate:
         return x, P, distance
-    y, C = x.copy(), P.copy()
+    y, C, Bt = x.copy(), P.copy(), B.T.copy()
     for i in range(N):
         for k in range(m):
             y[i] += B[i, k] * u[k]
-        for j in range(N):
-            for k in range(m):
-                C[i, j] -= B[i, k] * B[j, k]
+            for j in range(N):
+                C[i, j] -= B[i, k] * Bt[k, j]
     for i in range(3, 6):
         y[i] = wrap(y[i])
     return y, 0.5 * (C + C.T), distance
+
+
+@njit(cache=True)
+def fuse(
+    x: Array,
+    P: Array,
+    noises: Array,
+    duration: float,
+    steps: int,
+    two_d: bool,
+    index: Array,
+    z: Array,
+    R: Array,
+    lever: Array,
+    gate: float,
+    frames: Array,
+) -> tuple[Array, Array, float]:
+    """`advance` and then `correct`, in one call; the distance is nan when the measurement is not `usable`."""
+    if not usable(z, R, lever):
+        return x.copy(), P.copy(), np.nan
+    y, C = advance(x, P, noises, duration, steps, False)
+    if two_d and steps > 0:
+        flatten(y, C)
+    y, C, distance = correct(y, C, index, z, R, lever, gate, frames)
+    if two_d:
+        flatten(y, C)
+    return y, C, distance

@@ -10,7 +10,7 @@ import numpy as np
 from grape.errors import InvalidInput
 from grape.geodesy import Datum
 from grape.geometry import pose
-from grape.localization.ekf import Ekf, EkfOptions, Measurement, Verdict
+from grape.localization.ekf import Ekf, EkfOptions
 from grape.localization.measurements import (
     GnssConfig,
     ImuConfig,
@@ -20,6 +20,7 @@ from grape.localization.measurements import (
     from_imu,
     from_wheels,
 )
+from grape.localization.state import Measurement, Verdict
 from grape.messages import Array, Imu, JointState, NavSatFix, Odometry
 
 UNKNOWN_VARIANCE = 1e6

@@ -13,10 +13,8 @@ import numpy as np
 from grape.errors import InvalidInput
 from grape.geodesy import Datum, enu_from_geodetic
 from grape.geometry import quaternion_to_rotation, rotation_from_rpy, rotation_log, rotation_to_rpy
-from grape.localization.ekf import Measurement, components
+from grape.localization.state import GRAVITY, Measurement, components
 from grape.messages import FIX_STATUS, Array, Imu, JointState, NavSatFix
-
-GRAVITY = 9.80665
 
 
 @dataclass(frozen=True, kw_only=True)

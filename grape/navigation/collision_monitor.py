@@ -15,10 +15,11 @@ from typing import Literal, Protocol
 import numpy as np
 
 from grape.errors import InvalidInput
-from grape.geometry import transform
 from grape.messages import Array, LaserScan
+from grape.navigation.beams import ScanOptions, scan_points
 from grape.navigation.grid import Footprint
 from grape.navigation.monitor import arc_poses
+from grape.navigation.polygon import in_polygon
 
 Motion = Literal["forward", "backward", "turn"]
 APPROACH = "approach"  # name of the zone in time
@@ -181,12 +182,9 @@ def scan_hits(scan: LaserScan, T_base_sensor: Array, options: CollisionOptions) 
     """
     ranges = np.asarray(scan.ranges)
     near = np.isneginf(ranges) | (ranges < scan.range_min)
-    hit = near | (np.isfinite(ranges) & (ranges <= scan.range_max))
-    r = np.where(near, scan.range_min, ranges)[hit]
-    a = scan.angle_min + scan.angle_increment * np.flatnonzero(hit)
-    points = transform(T_base_sensor, np.column_stack([r * np.cos(a), r * np.sin(a), np.zeros_like(r)]))[:, :2]
+    seen = replace(scan, ranges=np.where(near, scan.range_min, ranges))
     blind = float(np.isnan(ranges).mean()) if ranges.size else 1.0
-    return points[~options.footprint.contains(points)], blind
+    return scan_points(seen, T_base_sensor, ScanOptions(own=options.footprint))[:, :2], blind
 
 
 def blind_stop(state: MonitorState) -> Decision:
@@ -223,25 +221,3 @@ def time_to_touch(v: float, w: float, points: Array, options: CollisionOptions) 
         return np.inf, None
     first = int(np.argmax(enough))
     return float(times[first]), near[np.argmax(touched[first])]
-
-
-def in_polygon(points: Array, polygon: Array, margin: float = 0.0) -> Array:
-    """Which of the points (n, 2) lie in a polygon (k, 2), or no farther than `margin` from its edges; all in metres."""
-    low, high = polygon.min(axis=0) - margin, polygon.max(axis=0) + margin
-    inside = ((points >= low) & (points <= high)).all(axis=1)
-    candidates = points[inside][:, None, :]  # (n, 1, 2)
-    if not len(candidates):
-        return inside
-    start, end = polygon, np.roll(polygon, -1, axis=0)
-    edge = end - start  # (k, 2)
-    offset = candidates - start  # (n, k, 2)
-    straddles = (start[:, 1] > candidates[..., 1]) != (end[:, 1] > candidates[..., 1])
-    rise = np.where(edge[:, 1] == 0.0, 1.0, edge[:, 1])
-    left = candidates[..., 0] < start[:, 0] + edge[:, 0] * offset[..., 1] / rise
-    found = (straddles & left).sum(axis=1) % 2 == 1
-    if margin > 0.0:
-        along = np.clip((offset * edge).sum(axis=-1) / np.maximum((edge**2).sum(axis=-1), 1e-12), 0.0, 1.0)
-        gap = offset - along[..., None] * edge
-        found |= ((gap**2).sum(axis=-1) <= margin**2).any(axis=1)
-    inside[inside] = found
-    return inside

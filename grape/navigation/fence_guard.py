@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.messages import Array
-from grape.navigation.collision_monitor import in_polygon
 from grape.navigation.grid import Footprint
 from grape.navigation.monitor import arc_poses
+from grape.navigation.polygon import in_polygon
 
 
 @dataclass(frozen=True, kw_only=True)

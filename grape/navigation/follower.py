@@ -30,6 +30,7 @@ class Phase(StrEnum):
     TRACK = "following the path"
     SETTLE = "settling on the goal"
     RETREAT = "backing off for another approach"
+    MAKE_ROOM = "driving to where it can turn"
     REACHED = "at the goal"
     FAILED = "cannot settle on the goal"
 
@@ -45,6 +46,9 @@ class FollowerState:
     blocked_s: float = 0.0
     retreats: int = 0
     turn_to: float | None = None  # rad in map, chosen when a turn begins: turning shifts the robot, not its goal
+    straight_to: tuple[float, float, float] | None = None  # x y yaw in map, where there is room for the turn wanted
+    steps: int = 0  # since the path was new; picks the random numbers of planners that sample
+    memory: Array | None = field(default=None, compare=False)  # what the planner thought last: controls, or a band
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,7 +119,7 @@ class PurePursuit:
         pose, twist = np.asarray(pose, dtype=float), np.asarray(twist, dtype=float)
         if not (np.isfinite(pose).all() and np.isfinite(twist).all() and dt > 0):
             raise InvalidInput(f"pose, twist must be finite and dt > 0, got {pose}, {twist}, {dt}")
-        state = replace(state, turn_gain=_turn_gain(state, twist, dt))
+        state = replace(state, turn_gain=turn_gain(state, twist, dt))
         if state.phase is Phase.TRACK:
             travelled = path.project(pose[:2], state.travelled, window=1.0)
             state = replace(state, travelled=travelled)
@@ -284,11 +288,15 @@ class PurePursuit:
 
     def _free_factor(self, v: float, w: float, pose: Array, costmap: Costmap) -> float:
         """The largest of 1, 1/2, 1/4 by which the motion can go on without touching anything; 0 when none can."""
-        options = self.options
+        footprint = self._kept_free(pose, costmap)
         for factor in (1.0, 0.5, 0.25):
-            if not self._touches(factor * v, factor * w, pose, costmap, options.footprint):
+            if not self._touches(factor * v, factor * w, pose, costmap, footprint):
                 return factor
         return 0.0
+
+    def _kept_free(self, pose: Array, costmap: Costmap) -> Footprint:
+        """What must not come into contact while the robot moves on from `pose`."""
+        return self.options.footprint
 
     def _touches(self, v: float, w: float, pose: Array, costmap: Costmap, footprint: Footprint) -> bool:
         options = self.options
@@ -305,7 +313,7 @@ class PurePursuit:
         return bool(costmap.blocked(poses, footprint).any())
 
 
-def _turn_gain(state: FollowerState, twist: Array, dt: float) -> float:
+def turn_gain(state: FollowerState, twist: Array, dt: float) -> float:
     """The running estimate of measured over commanded yaw rate, learnt while the robot turns."""
     commanded = state.command[1]
     if abs(commanded) < 0.2:

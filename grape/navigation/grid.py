@@ -6,6 +6,7 @@ Source: Lu, Hershberger and Smart, Layered costmaps for context-sensitive naviga
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -102,6 +103,12 @@ class Footprint:
         x, y = points[..., 0], points[..., 1]
         return (x <= self.front) & (x >= -self.rear) & (np.abs(y) <= self.half_width)
 
+    def discs(self, count: int = 4) -> tuple[Array, float]:
+        """Centres (count,) m on the x axis and the one radius (m) of discs that together cover the rectangle."""
+        length = (self.front + self.rear) / count
+        centres = -self.rear + length * (np.arange(count) + 0.5)
+        return centres, float(np.hypot(0.5 * length, self.half_width))
+
     def corners(self, pose: Array) -> Array:
         """Corners (4, 2) m in map of the robot at `pose` (3,) x y yaw, counter-clockwise."""
         c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -123,6 +130,18 @@ class Costmap:
                 f"costs must be uint8 of {(self.spec.rows, self.spec.columns)}, got {self.cost.dtype} {self.cost.shape}"
             )
         object.__setattr__(self, "cost", frozen_array(self.cost))
+
+    @cached_property
+    def distance(self) -> Array:
+        """(rows, columns) float32 m from the centre of each cell to that of the nearest lethal one; 1e3 without any."""
+        import cv2
+
+        free = (self.cost != LETHAL).astype(np.uint8)
+        if free.all():
+            return np.full(self.cost.shape, 1e3, dtype=np.float32)
+        metres = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        metres *= self.spec.resolution
+        return metres
 
     def cost_at(self, points: Array) -> Array:
         """Costs (...,) of points (..., 2) m; unknown outside the grid."""
@@ -147,3 +166,15 @@ class Costmap:
             footprint.rear,
             footprint.half_width,
         )
+
+    def footprint_cost(self, poses: Array, footprint: Footprint) -> Array:
+        """(n,) uint8, the worst cost under the footprint at poses (n, 3): lethal before unknown before the others.
+
+        The inscribed cost holds for centres, so it means nothing special here.
+        """
+        from grape.navigation.grid_kernels import footprint_worst
+
+        poses = np.ascontiguousarray(np.atleast_2d(poses), dtype=float)
+        spec, own = self.spec, footprint
+        size = (own.front, own.rear, own.half_width)
+        return footprint_worst(self.cost, spec.x_min, spec.y_min, spec.resolution, poses, *size)

@@ -41,6 +41,33 @@ def footprint_hits(
 
 
 @njit(cache=True)
+def footprint_worst(
+    cost: Array, x_min: float, y_min: float, step: float, poses: Array, front: float, rear: float, half: float
+) -> Array:
+    """(n,) the worst of lethal, unknown (also what is outside the grid), near and free cells under the rectangle."""
+    worst = np.zeros(poses.shape[0], dtype=np.uint8)
+    rows, columns = cost.shape
+    for k in range(poses.shape[0]):
+        x, y = poses[k, 0], poses[k, 1]
+        c, s = np.cos(poses[k, 2]), np.sin(poses[k, 2])
+        reach = np.sqrt(max(front, rear) ** 2 + half**2)
+        found = 0
+        for i in range(int(np.floor((y - reach - y_min) / step)), int(np.floor((y + reach - y_min) / step)) + 1):
+            for j in range(int(np.floor((x - reach - x_min) / step)), int(np.floor((x + reach - x_min) / step)) + 1):
+                dx, dy = x_min + (j + 0.5) * step - x, y_min + (i + 0.5) * step - y
+                along, across = c * dx + s * dy, -s * dx + c * dy
+                if along < -rear or along > front or abs(across) > half:
+                    continue
+                here = int(cost[i, j]) if 0 <= i < rows and 0 <= j < columns else 255
+                if here == _LETHAL:
+                    found = here
+                elif found != _LETHAL:
+                    found = max(found, here)
+        worst[k] = found
+    return worst
+
+
+@njit(cache=True)
 def mark_and_clear(
     evidence: Array,
     x_min: float,

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from grape.geometry import wrap_angle
 from grape.messages import Array
 from grape.navigation.costmap import Beams
+from grape.navigation.path import Path
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,6 +48,50 @@ class NewcomerWatch:
         if stamp - before_s < self.options.since_s - 1e-9:
             return np.empty((0, 2))
         return newcomers(beams, before, self.options)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PassingOptions:
+    """Near which part of a path nobody may walk while the robot drives.
+
+    Args:
+        ahead: m along the path.
+        beside: m from the middle of the robot.
+        still_s: after which who has come and stands counts as an obstacle like any other.
+        least_points: as of `NewcomerOptions`.
+    """
+
+    ahead: float = 2.5
+    beside: float = 0.95
+    still_s: float = 1.5
+    least_points: int = 6
+
+
+@dataclass(kw_only=True)
+class PassingWatch:
+    """Whether somebody walks near the path ahead, or did a moment ago."""
+
+    options: PassingOptions = field(default_factory=PassingOptions)
+    _walked_s: float = field(init=False, default=-np.inf)
+
+    def update(self, now: float, arrived: Array, path: Path, travelled: float) -> Array | None:
+        """Where (2,) m in map somebody begins to walk near the path; None when nobody does, or still does.
+
+        Args:
+            arrived: (n, 2) m in map, as of `NewcomerWatch`.
+            path: that the robot follows, and how far (m) it has `travelled` on it.
+        """
+        ahead = path.ahead(travelled, travelled + self.options.ahead)
+        walking = arrived[near_path(arrived, ahead, self.options.beside)]
+        if len(walking) < self.options.least_points:
+            return None
+        begins = not self.holds(now)
+        self._walked_s = now
+        return walking.mean(axis=0) if begins else None
+
+    def holds(self, now: float) -> bool:
+        """Whether to stand."""
+        return now - self._walked_s <= self.options.still_s
 
 
 def newcomers(now: Beams, before: Beams, options: NewcomerOptions) -> Array:

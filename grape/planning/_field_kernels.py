@@ -67,15 +67,15 @@ def _lower_envelope(f, n, vertex, border, out):
     return True
 
 
-@njit(cache=True, error_model="numpy")
-def field_at(x, y, z, field, grid):
-    """Trilinear distance at a point; outside of the grid the reach."""
-    u = (x - grid[0]) / grid[3]
-    v = (y - grid[1]) / grid[3]
-    w = (z - grid[2]) / grid[3]
+@njit(cache=True, error_model="numpy", forceinline=True)
+def field_at(x, y, z, field, table, grid):
+    """Trilinear distance at a point, outside of the grid the reach; origin, voxel and reach stand at `table[grid:]`."""
+    u = (x - table[grid]) / table[grid + 3]
+    v = (y - table[grid + 1]) / table[grid + 3]
+    w = (z - table[grid + 2]) / table[grid + 3]
     nx, ny, nz = field.shape
     if not (u >= 0.0 and v >= 0.0 and w >= 0.0 and u < nx - 1 and v < ny - 1 and w < nz - 1):
-        return grid[4]
+        return table[grid + 4]
     i, j, k = int(u), int(v), int(w)
     a, b, c = u - i, v - j, w - k
     low = (field[i, j, k] * (1 - c) + field[i, j, k + 1] * c) * (1 - b)
@@ -85,10 +85,23 @@ def field_at(x, y, z, field, grid):
     return low * (1 - a) + high * a
 
 
+@njit(cache=True, error_model="numpy", forceinline=True)
+def nearest_at(x, y, z, field, table, grid):
+    """Distance of the voxel whose centre is nearest to a point; see `field_at`."""
+    per_metre = 1.0 / table[grid + 3]
+    u = (x - table[grid]) * per_metre + 0.5
+    v = (y - table[grid + 1]) * per_metre + 0.5
+    w = (z - table[grid + 2]) * per_metre + 0.5
+    nx, ny, nz = field.shape
+    if not (u >= 0.0 and v >= 0.0 and w >= 0.0 and u < nx and v < ny and w < nz):
+        return table[grid + 4]
+    return field[int(u), int(v), int(w)]
+
+
 @njit(cache=True)
 def query_field(points, field, grid):
     """Distance of each point (m, 3)."""
     out = np.empty(len(points))
     for i in range(len(points)):
-        out[i] = field_at(points[i, 0], points[i, 1], points[i, 2], field, grid)
+        out[i] = field_at(points[i, 0], points[i, 1], points[i, 2], field, grid, 0)
     return out

@@ -81,13 +81,14 @@ class StateChecker:
         self.options = options or CheckerOptions()
         self._arm = packed(model, self.field.grid)
         self._shape = (model.joint_count,)
-        self._margins = self.options.padding_m, self.options.self_padding_m
+        self._distance = self.field.distance
+        self._padding, self._self_padding = self.options.padding_m, self.options.self_padding_m
         self.checked = 0  # states looked at since the start, a measure of work that no clock disturbs
 
     def is_valid(self, q: Array) -> bool:
         """Whether nothing is nearer than the paddings at joint angles `q` (n,) rad."""
         self.checked += 1
-        return _kernels().state_valid(self._joints(q), self._arm, self.field.distance, *self._margins)
+        return _kernels().state_valid(self._joints(q), self._arm, self._distance, self._padding, self._self_padding)
 
     def clearance(self, q: Array) -> float:
         """What is left of the smallest gap after the padding, m; negative when too near, at most the field's reach."""
@@ -112,7 +113,7 @@ class StateChecker:
 
     def edge_valid(self, q0: Array, q1: Array) -> bool:
         """Whether the straight joint motion from `q0` to `q1`, both (n,) rad, keeps the paddings all along."""
-        return self._edge(q0, q1, self.options.padding_m)
+        return self._edge(q0, q1, self._padding)
 
     def edge_valid_unpadded(self, q0: Array, q1: Array) -> bool:
         """As `edge_valid`, but without the padding to the cloud and boxes: for leaving a place that is too near."""
@@ -124,44 +125,52 @@ class StateChecker:
 
     def _least(self, q: Array) -> tuple[float, int, int, int]:
         self.checked += 1
-        return _kernels().least_clearance(self._joints(q), self._arm, self.field.distance, *self._margins)
+        return _kernels().least_clearance(self._joints(q), self._arm, self._distance, self._padding, self._self_padding)
 
     def _edge(self, q0: Array, q1: Array, padding: float) -> bool:
-        options = self.options
         valid, checked = _kernels().edge_valid(
             self._joints(q0),
             self._joints(q1),
             self.model.reach,
             self._arm,
-            self.field.distance,
+            self._distance,
             padding,
-            options.self_padding_m,
-            options.least_step_m,
+            self._self_padding,
+            self.options.least_step_m,
         )
         self.checked += checked
         return valid
 
     def _joints(self, q: Array) -> Array:
-        q = np.asarray(q, dtype=float)
+        q = np.ascontiguousarray(q, float)
         if q.shape != self._shape:
             raise InvalidInput(f"joint angles must have shape {self._shape}, got {q.shape}")
-        return q if q.flags.c_contiguous else q.copy()
+        return q
 
 
 def packed(model: SphereModel, grid: Array) -> Array:
-    """Everything but the distances in one flat array: a call that takes few arrays costs little."""
-    first = np.searchsorted(model.spheres[:, 0], np.arange(model.joint_count + 2))
-    pairs = np.searchsorted(model.capsule_table[:, 0], model.capsule_pairs[:, [0, 2]])
-    counts = [model.joint_count, len(model.spheres), len(model.capsule_table), len(pairs), len(model.box_table)]
-    first_last, half = model.capsule_table[:, :2], model.capsule_table[:, 2]
-    length = 2.0 * (half - model.spheres[first_last[:, 0].astype(int), 4])
-    per_metre = (first_last[:, 1] - first_last[:, 0]) / np.maximum(length, 1e-9)  # spheres along a capsule
-    capsules = np.column_stack([model.capsule_table, per_metre])
+    """Everything but the distances in one flat array for the kernels; `_body_kernels.places` says where it stands."""
+    capsules = _capsule_columns(model)
+    first = np.searchsorted([capsule.joint for capsule in model.capsules], np.arange(model.joint_count + 2))
+    pairs = np.searchsorted(capsules[:, 0], model.capsule_pairs[:, [0, 2]])
+    owner = np.repeat(np.arange(len(capsules)), (capsules[:, 1] - capsules[:, 0]).astype(int) + 1)
     boxes = model.box_table if len(model.box_table) else np.zeros((1, 6))
     low, high = (boxes[:, :3] - boxes[:, 3:]).min(axis=0), (boxes[:, :3] + boxes[:, 3:]).max(axis=0)
     parts = (
-        counts, grid, model.placements[:, :3], model.spheres[:, 1:].T, first, capsules,
-        pairs, model.box_table.T, model.box_mask, np.zeros(3 * (counts[1] + counts[2]) + counts[4]),
-        0.5 * (low + high), 0.5 * (high - low),
+        [model.joint_count, len(capsules), len(pairs), len(model.box_table), len(owner)], grid,
+        model.placements[:, :3], first, capsules, pairs, owner, model.box_table.T, model.box_mask,
+        np.zeros(9 * len(capsules) + len(model.box_table)), 0.5 * (low + high), 0.5 * (high - low),
     )  # fmt: skip
     return np.concatenate([np.ravel(part) for part in parts]).astype(float)
+
+
+def _capsule_columns(model: SphereModel) -> Array:
+    """(c, 12) first and last sphere, half the length with the ends, spheres per metre, the spheres' radius, 1 / step^2
+    (1/m^2, 0 where there is one sphere), first centre (3) and step to the next (3) in the frame of the joint."""
+    table = model.capsule_table
+    first, last = model.spheres[table[:, 0].astype(int)], model.spheres[table[:, 1].astype(int)]
+    steps = np.maximum(table[:, 1] - table[:, 0], 1.0)
+    step = (last[:, 1:4] - first[:, 1:4]) / steps[:, None]
+    squared = (step**2).sum(axis=1)
+    inverse = np.divide(1.0, squared, out=np.zeros_like(squared), where=squared > 0.0)
+    return np.column_stack([table, np.sqrt(inverse), first[:, 4], inverse, first[:, 1:4], step])

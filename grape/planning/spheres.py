@@ -60,7 +60,8 @@ class SphereModel:
             middles above which they cannot.
         box_table: (b, 6) centre and half size.
         box_mask: (c, b) whether a capsule is checked against a box.
-        reach: (n,) m, the farthest that any sphere's surface can be from the axis of joint i.
+        reach: (c, n) m, the farthest that a capsule's surface can be from the axis of joint i; 0 where that joint
+            does not move it.
     """
 
     placements: Array
@@ -145,7 +146,7 @@ def build_sphere_model(
         capsule_pairs=frozen_array(_capsule_pairs(capsules, table, link_pairs)),
         box_table=frozen_array(box_table),
         box_mask=frozen_array(box_mask.reshape(len(capsules), len(boxes))),
-        reach=frozen_array(_reach(placements, spheres)),
+        reach=frozen_array(_reach(placements, capsules, rows)),
     )
 
 
@@ -200,16 +201,12 @@ def _capsule_pairs(capsules: tuple[LinkCapsule, ...], table: Array, link_pairs: 
     return np.array(pairs, dtype=float).reshape(-1, 5)
 
 
-def _reach(placements: Array, spheres: Array) -> Array:
-    """(n,) bound on the distance of any moved sphere's surface from the axis of each joint, in any configuration."""
-    joints = len(placements)
-    local = np.zeros(joints + 1)  # farthest surface from the origin of joint frame k of a sphere fixed to it
-    for joint, *center, radius in spheres:
-        local[int(joint)] = max(local[int(joint)], float(np.linalg.norm(center)) + radius)
-    reach = np.zeros(joints)
-    for i in range(joints):
-        to_frame = 0.0
-        for k in range(i, joints):
-            to_frame += float(np.linalg.norm(placements[k, :3, 3])) if k > i else 0.0
-            reach[i] = max(reach[i], to_frame + local[k + 1])
+def _reach(placements: Array, capsules: tuple[LinkCapsule, ...], rows: list[Array]) -> Array:
+    """(c, n) bound on the distance of a capsule's surface from the axis of each joint, in any configuration."""
+    reach = np.zeros((len(capsules), len(placements)))
+    lengths = np.linalg.norm(placements[:, :3, 3], axis=1)
+    for c, (capsule, row) in enumerate(zip(capsules, rows, strict=True)):
+        local = float((np.linalg.norm(row[:, 1:4], axis=1) + row[:, 4]).max())
+        for i in range(capsule.joint):
+            reach[c, i] = lengths[i + 1 : capsule.joint].sum() + local
     return reach

@@ -22,13 +22,13 @@ class BaseOptions:
     names: tuple[str, ...]  # every wheel joint, in the order that the driver reports
     wheel_radius: float  # m
     effective_track: float  # m between ideal wheels that would turn the base as the skidding ones do
+    ticks_per_metre: float
     max_linear: float = 1.0  # m/s
     max_angular: float = 2.0  # rad/s
     linear_acceleration: float = 1.0  # m/s^2
     angular_acceleration: float = 2.0  # rad/s^2
     timeout_s: float = 0.25
     period_s: float = 0.02
-    ticks_per_metre: float = 78_000.0
     encoder_scale_sigma: float = 0.001  # relative error of each wheel's radius, constant during a run
     hold_gain: float = 20.0  # 1/s, pulls a wheel back to the angle that its speeds add up to
     hold_lead: float = 0.05  # rad, most that a wheel may lag

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import mujoco
 
 from grape.drivers import Drivers
+from grape.errors import InvalidInput, did_you_mean
 from grape.robots import RobotDescription
 from grape.sim.drivers.arm import ArmDriverOptions, ArmLimits, SimulatedArm
 from grape.sim.drivers.base import BaseOptions, SimulatedBase
@@ -15,15 +16,7 @@ from grape.sim.drivers.camera import CameraOptions, SimulatedCamera
 from grape.sim.drivers.gnss import GnssOptions, SimulatedGnss
 from grape.sim.drivers.gripper import GripperOptions, SimulatedGripper
 from grape.sim.drivers.imu import ImuOptions, SimulatedImu
-from grape.sim.drivers.lidar import (
-    TIM561,
-    UTM_30LX,
-    Cast,
-    ScannerOptions,
-    SimulatedScanner,
-    SimulatedSpinner,
-    SpinnerOptions,
-)
+from grape.sim.drivers.lidar import SCANNERS, SPINNERS, Cast, SimulatedScanner, SimulatedSpinner
 from grape.sim.drivers.operator import OperatorOptions, SimulatedOperator
 from grape.sim.drivers.sampled import SampledSensor
 from grape.sim.physics import Physics, Replica
@@ -38,9 +31,6 @@ class SensorOptions:
     camera: CameraOptions = field(default_factory=CameraOptions)
     imu: ImuOptions = field(default_factory=ImuOptions)
     gnss: GnssOptions = field(default_factory=GnssOptions)
-    front_laser: ScannerOptions = UTM_30LX
-    wrist_lidar: ScannerOptions = TIM561
-    velodyne: SpinnerOptions = field(default_factory=SpinnerOptions)
     operator: OperatorOptions = field(default_factory=OperatorOptions)
 
 
@@ -66,11 +56,18 @@ class SimulatedDrivers:
         self.camera = SimulatedCamera(physics, seen, seed, options.camera)
         self.imu = SimulatedImu(physics, seed, options.imu)
         self.gnss = SimulatedGnss(physics, site.datum, seed, options.gnss)
+        models = {name: mount.model for name, mount in robot.mounts.items() if mount.model}
+        _check_models(models)
         scans = {
-            scanner.name: SimulatedScanner(physics, replica, cast, seed, scanner)
-            for scanner in (options.front_laser, options.wrist_lidar)
+            name: SimulatedScanner(physics, replica, cast, seed, replace(SCANNERS[model], name=name))
+            for name, model in models.items()
+            if model in SCANNERS
         }
-        velodyne = SimulatedSpinner(physics, replica, cast, seed, options.velodyne)
+        clouds = {
+            name: SimulatedSpinner(physics, replica, cast, seed, replace(SPINNERS[model], name=name))
+            for name, model in models.items()
+            if model in SPINNERS
+        }
         self.operator = SimulatedOperator(physics, robot, site.refills, seed, options.operator)
         self.sensors: dict[str, SampledSensor] = {
             "base": self.base,
@@ -80,7 +77,7 @@ class SimulatedDrivers:
             "imu": self.imu,
             "gnss": self.gnss,
             **scans,
-            options.velodyne.name: velodyne,
+            **clouds,
         }
         self._periods = tuple((sensor.period_steps, sensor) for sensor in self.sensors.values())
         self.ports = Drivers(
@@ -91,7 +88,7 @@ class SimulatedDrivers:
             imu=self.imu,
             gnss=self.gnss,
             scans=scans,
-            clouds={options.velodyne.name: velodyne},
+            clouds=clouds,
             operator=self.operator,
         )
 
@@ -135,6 +132,15 @@ def connect(
     return SimulatedDrivers(physics, robot, site, cast, seen, seed, options or SensorOptions())
 
 
+def _check_models(models: Mapping[str, str]) -> None:
+    known = (*SCANNERS, *SPINNERS)
+    for name, model in models.items():
+        if model not in known:
+            hint = did_you_mean(model, known)
+            allowed = ", ".join(known)
+            raise InvalidInput(f"{name}: no simulated {model!r}; there are {allowed}" + (f"; {hint}" if hint else ""))
+
+
 def _base_options(robot: RobotDescription) -> BaseOptions:
     base = robot.base
     return BaseOptions(
@@ -148,6 +154,7 @@ def _base_options(robot: RobotDescription) -> BaseOptions:
         linear_acceleration=base.max_linear_acceleration,
         angular_acceleration=base.max_angular_acceleration,
         timeout_s=base.command_timeout,
+        ticks_per_metre=base.ticks_per_metre,
     )
 
 

@@ -5,8 +5,8 @@ Rays meet the static world and who walks in it: the robot's own parts and the di
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -41,6 +41,15 @@ UTM_30LX = ScannerOptions(
     beams=1081,
     errors=RangeModel(range_min=0.1, range_max=30.0, sigma=0.010, systematic=0.005),
 )
+# 180 degrees in steps of half a degree take two turns of the mirror at 75 Hz.
+LMS291 = ScannerOptions(
+    name="front_laser",
+    period_s=0.026,
+    angle_min=-np.radians(90.0),
+    angle_increment=np.radians(0.5),
+    beams=361,
+    errors=RangeModel(range_min=0.1, range_max=80.0, sigma=0.010, systematic=0.012),
+)
 TIM561 = ScannerOptions(
     name="wrist_lidar",
     period_s=0.066,
@@ -54,15 +63,32 @@ TIM561 = ScannerOptions(
 
 @dataclass(frozen=True, kw_only=True)
 class SpinnerOptions:
-    """A spinning scanner with a fan of beams; one turn a message, taken as if at one instant."""
+    """A scanner with several layers of beams; one turn a message, taken as if at one instant."""
 
-    name: str = "velodyne"
-    period_s: float = 0.1
-    elevations: Array = field(default_factory=lambda: np.radians(np.arange(-15.0, 15.1, 2.0)))
-    columns: int = 900
-    errors: RangeModel = field(
-        default_factory=lambda: RangeModel(range_min=0.9, range_max=100.0, sigma=0.008, systematic=0.003)
-    )
+    name: str
+    period_s: float
+    elevations: Array  # rad, of the layers
+    azimuths: Array  # rad, of the beams of each layer
+    errors: RangeModel
+
+
+VLP_16 = SpinnerOptions(
+    name="velodyne",
+    period_s=0.1,
+    elevations=np.radians(np.arange(-15.0, 15.1, 2.0)),
+    azimuths=2 * np.pi * np.arange(900) / 900,
+    errors=RangeModel(range_min=0.9, range_max=100.0, sigma=0.008, systematic=0.003),
+)
+LD_MRS = SpinnerOptions(
+    name="ld_mrs",
+    period_s=0.08,
+    elevations=np.radians([-1.2, -0.4, 0.4, 1.2]),
+    azimuths=np.radians(np.linspace(-42.5, 42.5, 341)),
+    errors=RangeModel(range_min=0.5, range_max=300.0, sigma=0.1),
+)
+# By what their makers call them.
+SCANNERS: Mapping[str, ScannerOptions] = {"UTM-30LX": UTM_30LX, "LMS291": LMS291, "TiM561": TIM561}
+SPINNERS: Mapping[str, SpinnerOptions] = {"VLP-16": VLP_16, "LD-MRS400001": LD_MRS}
 
 
 class _Bias:
@@ -121,7 +147,7 @@ class SimulatedScanner(SampledSensor[LaserScan]):
 
 
 class SimulatedSpinner(SampledSensor[PointCloud]):
-    """A spinning laser scanner that gives points in its own frame."""
+    """A laser scanner of several layers that gives points in its own frame."""
 
     def __init__(self, physics: Physics, replica: Replica, cast: Cast, seed: int, options: SpinnerOptions) -> None:
         super().__init__(physics, options.name, options.period_s)
@@ -131,8 +157,7 @@ class SimulatedSpinner(SampledSensor[PointCloud]):
         self._site = physics.identify("site", options.name)
         self._noise = FrameNoise(seed, options.name)
         self._bias = _Bias(self._noise, options.errors.systematic)
-        azimuths = 2 * np.pi * np.arange(options.columns) / options.columns
-        elevation, azimuth = (grid.ravel() for grid in np.meshgrid(options.elevations, azimuths))
+        elevation, azimuth = (grid.ravel() for grid in np.meshgrid(options.elevations, options.azimuths))
         level = np.cos(elevation)
         self._directions = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
 

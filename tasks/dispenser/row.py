@@ -14,7 +14,6 @@ ROW = "row"  # name of the box that stands for it
 ROW_DEPTH_M = {"nail": 0.09, "vine": 0.12}  # of that box from the row's line towards the robot
 VINE_HALF_M = 0.32  # of a vine's box, along the row and across it
 NEAR_M = 2.0  # along the row from base_link: farther away the arm does not reach
-GROUND_CLEARANCE_M = 0.132  # of base_link on flat ground
 
 
 def plant_in_base(ctx: Context, plant: str) -> Array:
@@ -24,7 +23,8 @@ def plant_in_base(ctx: Context, plant: str) -> Array:
     """
     spot = ctx.world.site.plant(plant)
     T_map_base = ctx.world.base_pose()
-    height = T_map_base[2, 3] - GROUND_CLEARANCE_M + (spot.height_m if spot.kind == "nail" else 0.0)
+    ground = T_map_base[2, 3] - ctx.robot.description.base.height
+    height = ground + (spot.height_m if spot.kind == "nail" else 0.0)
     return transform(inverse(T_map_base), np.array([*spot.target, height]))
 
 
@@ -47,7 +47,8 @@ def expect_row(ctx: Context, plant: str) -> None:
     """
     spot = ctx.world.site.plant(plant)
     y = row_distance(ctx, plant) - ROW_DEPTH_M[spot.kind]
-    boxes = [StaticBox(name=ROW, center=(0.25, y + 0.5, 0.4), half_size=(1.5, 0.5, 0.9), ignore_links=())]
+    arm_x = float(ctx.robot.description.arm.T_base_link_arm_base[0, 3])
+    boxes = [StaticBox(name=ROW, center=(arm_x, y + 0.5, 0.4), half_size=(1.5, 0.5, 0.9), ignore_links=())]
     if spot.kind == "nail":
         vines = [vine for vine in ctx.world.site.plants if vine.row == spot.row and vine.kind == "vine"]
         for vine in vines:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -16,10 +17,8 @@ from grape.actions.move_arm import densely
 from grape.actions.robot import Robot
 from grape.messages import Array
 from grape.planning.placement import Placement, choose_stop, reach_margins
-from grape.tasks.dispenser.row import GROUND_CLEARANCE_M
 from grape.tasks.dispenser.targets import HangTarget, hang_line
 
-ARM_SIDE_M = 0.335  # base_link to the robot's left side
 SPUR_STAND_OFF_M, NAIL_STAND_OFF_M = 0.10, 0.24  # how far before the tip the hand begins, at most
 PITCHES = (float(np.radians(55.0)), float(np.radians(65.0)))  # rad, of the hand over a spur, best first
 AZIMUTHS = tuple(float(a) for a in np.radians((0.0, 25.0, -25.0, 50.0, -50.0)))  # and its turn about the vertical
@@ -38,9 +37,10 @@ class Stop:
     ahead_m: float
     beside_m: float
 
-    def plant_in_base(self, arm_x: float) -> Array:
-        """(2,) m, where the plant is in base_link; `arm_x` m is where the arm's base is."""
-        return np.array([arm_x + self.ahead_m, ARM_SIDE_M + self.beside_m])
+    def plant_in_base(self, description: Any) -> Array:
+        """(2,) m, where the plant is in base_link of a robot (`grape.robots.RobotDescription`)."""
+        arm_x = float(description.arm.T_base_link_arm_base[0, 3])
+        return np.array([arm_x + self.ahead_m, description.base.half_width + self.beside_m])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,25 +77,26 @@ VINE_STOPS = StopOptions()
 NAIL_STOPS = StopOptions(ahead_m=(0.25, 0.30, 0.35, -0.25, -0.30, -0.35), beside_m=(0.62, 0.54), ahead_cost=0.1)
 
 
-def usual_spurs() -> tuple[HangTarget, ...]:
+def usual_spurs(base_height_m: float) -> tuple[HangTarget, ...]:
     """Where spurs usually are: tips relative to the foot of the vine, x along the row, y away from the robot.
 
-    Half of them along the arms of a cordon, half on a ring, as on a gobelet. Heights are over base_link.
+    Half of them along the arms of a cordon, half on a ring, as on a gobelet. Heights are over base_link, which is
+    `base_height_m` over the ground.
     """
     cordon = [(x, 0.0, 0.90) for x in (-0.42, -0.14, 0.14, 0.42)]
     ring = [(0.22 * np.cos(a), 0.22 * np.sin(a), 0.75) for a in np.radians((45.0, 135.0, 225.0, 315.0))]
     up = np.array([0.0, 0.0, 1.0])
     return tuple(
-        HangTarget(plant="", kind="spur", tip=np.array(p) - up * GROUND_CLEARANCE_M, direction=up, pitch=PITCHES[0])
+        HangTarget(plant="", kind="spur", tip=np.array(p) - up * base_height_m, direction=up, pitch=PITCHES[0])
         for p in (*cordon, *ring)
     )
 
 
-def usual_nails(height_m: float, reach_m: float, error_m: float = 0.05) -> tuple[HangTarget, ...]:
+def usual_nails(base_height_m: float, height_m: float, reach_m: float, error_m: float = 0.05) -> tuple[HangTarget, ...]:
     """Where the tip of a nail may be for an arm and a base that err by `error_m`, relative to its post's foot."""
     rise = np.radians(15.0)
     direction = np.array([0.0, -np.cos(rise), np.sin(rise)])
-    tip = np.array([0.0, -reach_m, height_m - GROUND_CLEARANCE_M])
+    tip = np.array([0.0, -reach_m, height_m - base_height_m])
     offsets = [error_m * np.array(e) for e in ((0, 0, 0), (1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1))]
     return tuple(HangTarget(plant="", kind="nail", tip=tip + e, direction=direction, pitch=np.pi / 2) for e in offsets)
 
@@ -131,10 +132,9 @@ def choose(
         options: what a stop costs.
         ways_at: orientations of the hand in which a target may be worked on.
     """
-    arm_x = float(robot.description.arm.T_base_link_arm_base[0, 3])
 
     def ways(s: int) -> list[Array]:
-        shift = np.array([*stops[s].plant_in_base(arm_x), 0.0])
+        shift = np.array([*stops[s].plant_in_base(robot.description), 0.0])
         moved = [replace(target, tip=target.tip + shift) for target in targets]
         ways_of = [ways_at(target) for target in moved]
         lines = _alike([_line(robot, way) for group in ways_of for way in group])
@@ -191,7 +191,8 @@ def relative_to(foot: Array, targets: Sequence[HangTarget]) -> tuple[HangTarget,
 def _ranked(robot: Robot, kind: str, height_m: float, reach_m: float) -> tuple[Stop, ...]:
     """All stops for what is usual, best first."""
     options = NAIL_STOPS if kind == "nail" else VINE_STOPS
-    targets = usual_nails(height_m, reach_m) if kind == "nail" else usual_spurs()
+    base_height_m = robot.description.base.height
+    targets = usual_nails(base_height_m, height_m, reach_m) if kind == "nail" else usual_spurs(base_height_m)
     stops = [stop for stop in options.stops() if abs(stop.ahead_m) <= options.first_within_m]
 
     def few(target: HangTarget) -> tuple[HangTarget, ...]:

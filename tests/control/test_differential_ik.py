@@ -37,6 +37,21 @@ def test_near_a_singularity_speeds_stay_small(arm):
     assert np.allclose(exact, SLOW)
 
 
+@pytest.mark.parametrize("joints", [5, 6, 7])
+def test_damped_velocities_are_those_of_the_singular_value_decomposition(joints):
+    rng = np.random.default_rng(joints)
+    for flat in (1.0, 1e-2, 1e-9, 0.0):
+        J, twist = rng.normal(size=(6, joints)), rng.normal(size=6)
+        J[:, -1] = flat * J[:, -1] + (1.0 - flat) * J[:, 0]
+        weights = np.array([1.0, 1.0, 1.0, *3 * [ROTATION_WEIGHT]])
+        U, sigma, Vt = np.linalg.svd(weights[:, None] * J, full_matrices=False)
+        damping = max(0.02**2 - sigma[-1] ** 2, 0.0)
+        expected = Vt.T @ (sigma / np.maximum(sigma**2 + damping, 1e-12) * (U.T @ (weights * twist)))
+        velocity, smallest = damped_inverse(J, twist, 0.02)
+        assert smallest == pytest.approx(sigma[-1], abs=1e-12)
+        np.testing.assert_allclose(velocity, expected, rtol=1e-10, atol=1e-10)
+
+
 def test_a_joint_at_its_limit_is_not_pushed_further(arm, q_front):
     solver = DifferentialIk.for_arm(arm, VELOCITY)
     q = q_front.copy()

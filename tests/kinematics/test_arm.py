@@ -19,7 +19,7 @@ def arm():
 
 @pytest.fixture(scope="module")
 def simulated():
-    model = mujoco.MjModel.from_xml_string(DESCRIPTION.mjcf.read_text(), DESCRIPTION.assets())
+    model = mujoco.MjModel.from_xml_path(str(DESCRIPTION.mjcf))
     return model, mujoco.MjData(model)
 
 

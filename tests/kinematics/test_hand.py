@@ -14,7 +14,7 @@ HAND = HandModel(DESCRIPTION.gripper)
 
 @pytest.mark.parametrize("q", [0.0, 0.3, 0.675, 0.9, 1.05])
 def test_nails_are_where_mujoco_puts_them(q):
-    model = mujoco.MjModel.from_xml_string(DESCRIPTION.mjcf.read_text(), DESCRIPTION.assets())
+    model = mujoco.MjModel.from_xml_path(str(DESCRIPTION.mjcf))
     data = mujoco.MjData(model)
     for joint in DESCRIPTION.gripper.joints:
         data.joint(joint).qpos = q

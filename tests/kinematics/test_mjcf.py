@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from grape.errors import InvalidInput
-from grape.kinematics import read_body_pose, read_chain, read_shapes
+from grape.kinematics import read_body_pose, read_chain, read_mjcf, read_shapes
 from grape.robots.husky_jaco2 import DESCRIPTION
 
 MJCF = DESCRIPTION.mjcf
@@ -49,6 +49,26 @@ def test_a_broken_file_is_refused(tmp_path):
     file.write_text("<mujoco>")
     with pytest.raises(InvalidInput, match="cannot read the MJCF"):
         read_shapes(file)
+
+
+def test_included_files_take_the_place_of_their_include(tmp_path):
+    (tmp_path / "arm").mkdir()
+    (tmp_path / "arm" / "hand.xml").write_text('<mujoco><body name="hand" pos="0 0 1"/></mujoco>')
+    file = tmp_path / "robot.xml"
+    file.write_text(
+        '<mujoco><worldbody><body name="base" pos="1 0 0"><include file="arm/hand.xml"/></body></worldbody></mujoco>'
+    )
+    assert read_body_pose(file, "hand", "base")[:3, 3] == pytest.approx([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("include", "expected"), [("gone.xml", "cannot read the MJCF"), ("robot.xml", "robot.xml is included twice")]
+)
+def test_includes_that_lead_nowhere_are_refused(tmp_path, include, expected):
+    file = tmp_path / "robot.xml"
+    file.write_text(f'<mujoco><include file="{include}"/></mujoco>')
+    with pytest.raises(InvalidInput, match=expected):
+        read_mjcf(file)
 
 
 def test_the_pose_of_a_fixed_body():

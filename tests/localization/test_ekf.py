@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from grape.errors import InvalidInput
-from grape.localization import Ekf, EkfOptions, Measurement, Verdict, components
+from grape.geometry import inverse, pose, rotation_from_rpy
+from grape.localization import Ekf, EkfOptions, Measurement, Mount, Verdict, components
 from grape.localization import ekf_kernels as kernels
 
 
@@ -43,14 +44,54 @@ def test_prediction_jacobian_agrees_with_finite_differences():
     assert np.allclose(predicted, F @ P @ F.T, atol=1e-7)
 
 
-def test_observation_jacobian_with_a_lever_agrees_with_finite_differences():
-    x, lever, h = some_state(3), np.array([-0.35, -0.2, 0.75]), 1e-6
-    index = np.array([0, 1, 2, 6, 7, 8])
-    _, H = kernels.observe(x, index, lever)
+MOUNT = Mount(
+    T_base_sensor=pose(rotation_from_rpy(0.3, -0.8, 2.0), (-0.35, -0.2, 0.75)),
+    T_world_frame=pose(rotation_from_rpy(0.1, 0.2, 0.3), (4.0, 5.0, 6.0)),
+)
+
+
+@pytest.mark.parametrize("frames", [kernels.DIRECT, MOUNT.frames])
+def test_observation_jacobian_agrees_with_finite_differences(frames):
+    x, h, index = some_state(3), 1e-6, np.arange(15)
+    _, H = kernels.observe(x, index, MOUNT.lever, frames)
     for j in range(15):
         step = np.eye(15)[j] * h
-        numeric = (kernels.observe(x + step, index, lever)[0] - kernels.observe(x - step, index, lever)[0]) / (2 * h)
-        assert np.allclose(H[:, j], numeric, atol=1e-7)
+        plus, _ = kernels.observe(x + step, index, MOUNT.lever, frames)
+        minus, _ = kernels.observe(x - step, index, MOUNT.lever, frames)
+        assert np.allclose(H[:, j], (plus - minus) / (2 * h), atol=1e-6)
+
+
+def test_mounted_sensor_sees_position_velocity_rate_and_specific_force_in_its_own_frames():
+    x = some_state(6)
+    h, _ = kernels.observe(x, np.arange(15), MOUNT.lever, MOUNT.frames)
+    R, R_sensor_base, lever = rotation_from_rpy(*x[3:6]), MOUNT.T_base_sensor[:3, :3].T, MOUNT.lever
+    v, w, a = x[6:9], x[9:12], x[12:15]
+    force = a + np.cross(w, v) + np.cross(w, np.cross(w, lever)) + R.T @ [0.0, 0.0, 9.80665]
+    assert np.allclose(h[:3], (inverse(MOUNT.T_world_frame) @ np.r_[x[:3] + R @ lever, 1.0])[:3])
+    assert np.allclose(h[6:9], R_sensor_base @ (v + np.cross(w, lever)))
+    assert np.allclose(h[9:12], R_sensor_base @ w)
+    assert np.allclose(h[12:], R_sensor_base @ force)
+
+
+def test_covariance_that_is_none_is_refused():
+    for covariance in ([[1.0, 2.0], [2.0, 1.0]], [[1.0, 0.5], [0.0, 1.0]], [[0.0, 0.0], [0.0, 1.0]]):
+        m = Measurement(stamp=0.0, source="test", index=[0, 1], value=[0.0, 0.0], covariance=covariance)
+        assert standing().correct(m).verdict is Verdict.NOT_FINITE
+
+
+def test_stamp_far_ahead_is_refused_and_a_long_silence_survived():
+    ekf = standing(EkfOptions(longest_gap_s=3600.0))
+    assert ekf.correct(measured(1e9, 0.0)).verdict is Verdict.TOO_NEW
+    assert ekf.correct(measured(3500.0, 7.0)).accepted
+    assert ekf.belief.mean[0] == pytest.approx(7.0, abs=0.1)
+
+
+def test_late_measurement_does_not_undo_a_widening():
+    ekf = Ekf(0.0, np.zeros(15), np.eye(15) * 1e-6)
+    ekf.correct(measured(0.2, 0.0, std=0.001))
+    ekf.widen(np.array([0]), 1.0)
+    ekf.correct(measured(0.1, 0.0, std=0.001))
+    assert ekf.belief.covariance[0, 0] > 0.9
 
 
 def test_correction_equals_the_textbook_kalman_update():
@@ -59,7 +100,7 @@ def test_correction_equals_the_textbook_kalman_update():
     H = np.eye(15)[index]
     S = H @ P @ H.T + R
     K = P @ H.T @ np.linalg.inv(S)
-    mean, covariance, distance = kernels.correct(x, P, index, z, R, np.zeros(3), np.inf)
+    mean, covariance, distance = kernels.correct(x, P, index, z, R, np.zeros(3), np.inf, kernels.DIRECT)
     assert np.allclose(mean, x + K @ (z - x[index]))
     assert np.allclose(covariance, (np.eye(15) - K @ H) @ P)
     assert distance == pytest.approx(np.sqrt((z - x[index]) @ np.linalg.solve(S, z - x[index])))
@@ -160,6 +201,11 @@ def test_options_with_negative_noise_are_refused():
         EkfOptions(noise=-np.ones(15))
 
 
-def test_initial_state_that_is_not_finite_is_refused():
+@pytest.mark.parametrize(
+    ("mean", "covariance"), [(np.full(15, np.nan), np.eye(15)), (np.zeros(15), np.tri(15)), (np.zeros(3), np.eye(3))]
+)
+def test_initial_state_that_is_none_is_refused(mean, covariance):
     with pytest.raises(InvalidInput):
-        Ekf(0.0, np.full(15, np.nan), np.eye(15))
+        Ekf(0.0, mean, covariance)
+    with pytest.raises(InvalidInput, match="eigenvalues"):
+        Ekf(0.0, np.zeros(15), np.diag([-1.0, *[1.0] * 14]))

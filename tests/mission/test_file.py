@@ -82,7 +82,7 @@ def test_defaults_of_goals_get_the_types_of_their_fields(tmp_path: Path) -> None
 @pytest.mark.parametrize(
     ("override", "expected"),
     [
-        ("robot=husky_jaco", "robot: got 'husky_jaco'; allowed: husky_jaco2; did you mean 'husky_jaco2'?"),
+        ("robot=husky_jaco", "robot: got 'husky_jaco'; allowed: husky_jaco2, robi_jaco2; did you mean 'husky_jaco2'?"),
         ("task=dispensers", "did you mean 'dispenser'?"),
         ("tree=dispenser_deploy", "did you mean 'dispenser_deployment'?"),
         ("world.type=vinyard", "did you mean 'vineyard'?"),

@@ -16,6 +16,7 @@ from grape.geometry import pose as make_pose
 from grape.geometry import rotation_z
 from grape.messages import JointState, LaserScan, Odometry, Twist
 from grape.navigation.path import in_frame_of
+from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.site import Area, Row, Site
 from grape.world import World
 
@@ -93,10 +94,12 @@ def site(*fences: Area) -> Site:
 def setting(scan):
     def make(pose=(-3.0, -0.8, 0.0), fences: tuple[Area, ...] = ()) -> tuple[Machine, core.Context]:
         machine = Machine(scan, pose)
-        base = SimpleNamespace(max_linear=1.0, footprint=np.array([[0.495, 0.343], [-0.495, -0.343]]))
         mount = SimpleNamespace(parent="base_link", T_parent_sensor=T_BASE_LASER)
         description = SimpleNamespace(
-            base=base, mounts={"front_laser": mount}, T_base_link_sensor=lambda name: T_BASE_LASER
+            base=DESCRIPTION.base,
+            arm=DESCRIPTION.arm,
+            mounts={"front_laser": mount},
+            T_base_link_sensor=lambda name: T_BASE_LASER,
         )
         none: Any = SimpleNamespace(stop=lambda: None)
         drivers = Drivers(
@@ -144,7 +147,23 @@ def test_robot_arrives_stops_and_tells_progress(setting):
     assert progress[-1] > 0.95 and progress[len(progress) // 2] < 0.9
 
 
-@pytest.mark.parametrize("goal", [DriveGoal(x=np.nan, y=0.0, yaw=0.0), DriveGoal(x=1.0, y=-2.0, yaw=0.0, speed=3.0)])
+@pytest.mark.parametrize("planner", ["dwa", "teb", "mppi"])
+def test_robot_that_faces_away_turns_and_arrives_by_each_planner(setting, planner):
+    machine, ctx = setting((-3.0, -1.4, 2.5))
+    goal = DriveGoal(x=0.0, y=-0.835, yaw=0.0, planner=planner)
+    drive(machine, ctx, goal)
+    along, across, yaw = in_frame_of(machine.pose, np.array([goal.x, goal.y, goal.yaw]))
+    assert np.hypot(along, across) < 0.05 and abs(yaw) < 0.035
+
+
+@pytest.mark.parametrize(
+    "goal",
+    [
+        DriveGoal(x=np.nan, y=0.0, yaw=0.0),
+        DriveGoal(x=1.0, y=-2.0, yaw=0.0, speed=3.0),
+        DriveGoal(x=1.0, y=-2.0, yaw=0.0, planner="tab"),
+    ],
+)
 def test_impossible_goal_is_rejected_before_anything_moves(setting, goal):
     machine, ctx = setting()
     with pytest.raises(GoalRejected):

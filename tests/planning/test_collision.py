@@ -6,6 +6,7 @@ import pytest
 from scipy.spatial import cKDTree
 
 from grape.errors import InvalidInput
+from grape.geometry import pose, rotation_from_rpy
 from grape.planning import (
     CheckerOptions,
     DistanceFieldOptions,
@@ -84,6 +85,26 @@ def test_validity_agrees_with_brute_force(model, fk, states, vine, field):
             assert valid, (cloud, boxes, own)
         kinds |= {k for k, gap in zip("cbs", (cloud - 0.02, boxes - 0.01, own), strict=True) if gap < 0}
     assert kinds == {"c", "b", "s"}
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 0.7, np.pi / 2, np.pi])
+@pytest.mark.parametrize("length", [0.0, 0.25])
+def test_the_gap_between_links_is_that_of_their_nearest_spheres(angle, length):
+    turned = pose(rotation_from_rpy(0.0, 0.0, angle))
+    valid = set()
+    for shift in np.random.default_rng(1).uniform(-0.2, 0.2, (40, 3)):
+        below = LinkCapsule(link="below", joint=0, p0=(0, 0, 0), p1=(0.3, 0, 0), radius=0.04)
+        above = LinkCapsule(link="above", joint=1, p0=tuple(shift), p1=(shift[0] + length, *shift[1:]), radius=0.03)
+        model = build_sphere_model(
+            placements=np.eye(4)[None], capsules=(below, above), link_pairs=(("below", "above"),)
+        )
+        _, _, own = clearances(model, centers(model, lambda _: [np.eye(4), turned], None), lambda c: np.ones(len(c)))
+        checker = StateChecker(model)
+        if own < 0.06:
+            assert checker.clearance(np.array([angle])) == pytest.approx(own, abs=1e-12)
+        assert checker.is_valid(np.array([angle])) == (own >= 0.0)
+        valid.add(bool(own >= 0.0))
+    assert valid == {True, False}
 
 
 def test_clearance_names_the_link_and_what_it_is_near_to(model, fk, field):

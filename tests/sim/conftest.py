@@ -7,7 +7,7 @@ import pytest
 
 os.environ.setdefault("MUJOCO_GL", "egl")
 
-from grape.robots.husky_jaco2 import DESCRIPTION
+from grape.robots.husky_jaco2 import DESCRIPTION as HUSKY
 from grape.sim.simulation import Simulation, SimulationOptions
 from grape.sim.worlds import VineyardOptions, generate_vineyard
 
@@ -22,10 +22,10 @@ def small_world(slope=0.0, style="cordon"):
     )
 
 
-def make(seed=1, dispensers=0, slope=0.0, style="cordon", **options):
+def make(seed=1, dispensers=0, slope=0.0, style="cordon", robot=HUSKY, **options):
     """A simulation of the small world."""
     return Simulation(
-        small_world(slope, style), DESCRIPTION, seed=seed, options=SimulationOptions(dispensers=dispensers, **options)
+        small_world(slope, style), robot, seed=seed, options=SimulationOptions(dispensers=dispensers, **options)
     )
 
 

@@ -73,7 +73,7 @@ class Arm:
     """The simulated arm, driven by joint set-points at 100 Hz along straight lines of the nails."""
 
     def __init__(self, loops):
-        spec = mujoco.MjSpec.from_string(DESCRIPTION.mjcf.read_text(), assets=DESCRIPTION.assets())
+        spec = mujoco.MjSpec.from_file(str(DESCRIPTION.mjcf))
         spec.worldbody.add_geom(type=mujoco.mjtGeom.mjGEOM_PLANE, size=[5, 5, 0.1], contype=1, conaffinity=4)
         for k in range(loops):
             add_dispenser(spec, f"dispenser_{k}")

@@ -1,14 +1,17 @@
 """What the simulated sensors measure, how well they know it, and when."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
-from grape.errors import StaleData
+from grape.errors import InvalidInput, StaleData
 from grape.geodesy import enu_from_geodetic
 from grape.geometry import quaternion_to_rotation, transform, yaw_of
 from grape.kinematics import ArmModel
 from grape.robots.husky_jaco2 import DESCRIPTION
+from grape.robots.robi_jaco2 import DESCRIPTION as ROBI
 from grape.sim.drivers import SensorOptions
 from grape.sim.drivers.gnss import GnssOptions
 from grape.sim.faults import CameraGlare, GnssJump
@@ -122,6 +125,29 @@ def test_scanners_see_the_ground_plane(simulate):
     scan = simulation.drivers.scans["front_laser"].latest()
     assert len(scan.ranges) == 1081
     assert np.isfinite(scan.ranges).sum() > 10
+
+
+def test_the_scanners_of_robi_look_ahead(simulate):
+    simulation = simulate(robot=ROBI)
+    beats(simulation, 20)
+    cloud = simulation.drivers.clouds["ld_mrs"].latest()
+    x, y, z = cloud.points.T
+    assert np.degrees(np.abs(np.arctan2(y, x)).max()) < 42.6
+    layers, counts = np.unique(np.round(np.degrees(np.arctan2(z, np.hypot(x, y))), 3), return_counts=True)
+    assert layers == pytest.approx([-1.2, -0.4, 0.4, 1.2])
+    assert counts[0] == counts.max() > 250, "the lowest layer meets the ground most"
+    points = transform(simulation.referee.true_pose() @ ROBI.mounts["ld_mrs"].T_parent_sensor, cloud.points)
+    assert np.abs(np.median(points[:, 2])) < 0.03, "tilted forward, it sees the ground"
+    scan = simulation.drivers.scans["front_laser"].latest()
+    angles = scan.angle_min + scan.angle_increment * np.arange(len(scan.ranges))
+    assert np.degrees(angles[[0, -1]]) == pytest.approx([-90.0, 90.0])
+    assert (len(scan.ranges), scan.range_max) == (361, 80.0)
+
+
+def test_a_scanner_that_nobody_simulates_is_refused(simulate):
+    mounts = {**DESCRIPTION.mounts, "velodyne": replace(DESCRIPTION.mounts["velodyne"], model="VLP-61")}
+    with pytest.raises(InvalidInput, match=r"velodyne: no simulated 'VLP-61'.*did you mean 'VLP-16'"):
+        simulate(robot=replace(DESCRIPTION, mounts=mounts))
 
 
 def test_since_hands_out_every_scan_once(simulate):

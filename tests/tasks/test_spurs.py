@@ -6,6 +6,7 @@ import pytest
 from grape.errors import InvalidInput
 from grape.geometry import pose, rotation_from_rpy, transform
 from grape.messages import CameraInfo, RgbdImage
+from grape.tasks.dispenser.actions.find_deployment_points import unseen_ends
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose, ScoreOptions, SpurMeasure, score_factors
 from grape.tasks.dispenser.perception.depth_view import DepthView
 from grape.tasks.dispenser.perception.geodesic import GeodesicOptions, geodesic_candidates
@@ -309,3 +310,23 @@ def test_inputs_that_make_no_sense_are_refused():
         MergeOptions(group_m=0)
     with pytest.raises(InvalidInput, match="direction"):
         a_pose(direction=(0, 0, 0))
+
+
+def test_a_spur_that_the_picture_cuts_off_goes_on_as_far_as_nobody_has_looked():
+    K = np.array([[466.0, 0, 319.5], [0, 466.0, 239.5], [0, 0, 1]])
+    info = CameraInfo(stamp=0.0, frame_id="camera_optical", width=640, height=480, K=K)
+    depth = np.full((480, 640), 1.5, np.float32)
+    depth[:, 400:] = 0.3  # something near hides the right of the picture
+    image = RgbdImage(
+        stamp=0.0, frame_id="camera_optical", bgr=np.zeros((480, 640, 3), np.uint8), depth=depth, info=info
+    )
+    view = DepthView(image=image, T_base_camera=np.eye(4))
+    row = np.array([[0.0, -0.1, 0.6], [0.0, -0.4, 0.6], [0.2, 0.0, 0.6], [0.0, 0.0, 0.1], [0.0, 0.0, -0.6]])
+    assert view.looked_at(row).tolist() == [True, False, False, False, False]
+    up = np.array([0.0, -1.0, 0.0])
+    kind = {"direction": up, "diameter_m": 0.01, "length_m": 0.1, "score": 1.0, "factors": {}}
+    whole = DeploymentPose(tip=np.array([0.0, -0.1, 0.6]), base=np.array([0.0, 0.0, 0.6]), **kind)
+    cut = DeploymentPose(tip=np.array([0.0, -0.30, 0.6]), base=np.array([0.0, -0.2, 0.6]), **kind)
+    assert len(unseen_ends(whole, [view])) == 0
+    beyond = unseen_ends(cut, [view])
+    assert len(beyond) == 12 and beyond[-1] == pytest.approx([0.0, -0.42, 0.6])

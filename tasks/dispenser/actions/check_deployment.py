@@ -17,7 +17,6 @@ from grape.geometry import inverse, pose, rotation_z, transform
 from grape.messages import Array, RgbdImage
 from grape.perception.blobs import Blob
 from grape.tasks.dispenser.perception.wings import HungExpectation, HungOptions, held, hung
-from grape.tasks.dispenser.row import GROUND_CLEARANCE_M
 from grape.tasks.dispenser.targets import HangTarget
 
 # Where the wings of a hung dispenser may be: around a place so far below the tip, within a radius, m. From a spur the
@@ -58,6 +57,7 @@ def check_deployment(goal: CheckDeploymentGoal, ctx: Context) -> Generator[Feedb
     robot = ctx.robot
     below, radius = PLACE_M[goal.target.kind]
     place = goal.target.tip - np.array([0.0, 0.0, below])
+    base_height = robot.description.base.height
     at_nails = 0
 
     def decide(image: RgbdImage) -> tuple[bool, str]:
@@ -67,7 +67,7 @@ def check_deployment(goal: CheckDeploymentGoal, ctx: Context) -> Generator[Feedb
         nails = (T_camera_base @ ctx.world.frames.lookup("base_link", "hand", image.stamp) @ T_hand_nails)[:3, 3]
         check = hung(image, HungExpectation(target=transform(T_camera_base, place), radius_m=radius, nails=nails), FAR)
         at_nails += check.reason.startswith("a wing is still")
-        if check.value and not _off_the_ground(check.blobs, inverse(T_camera_base)):
+        if check.value and not _off_the_ground(check.blobs, inverse(T_camera_base), base_height):
             return False, "what is seen lies on the ground"
         return check.value, check.reason
 
@@ -128,7 +128,7 @@ def looking_at(place: Array, side: Array, distance_m: float, height: float, righ
     return pose(np.column_stack([x, np.cross(-away, x), -away]), place + distance_m * away)
 
 
-def _off_the_ground(blobs: Sequence[Blob], T_base_camera: Array) -> bool:
-    """Whether the highest of what was seen is where nothing lies."""
-    heights = transform(T_base_camera, np.array([blob.position for blob in blobs]))[:, 2] + GROUND_CLEARANCE_M
+def _off_the_ground(blobs: Sequence[Blob], T_base_camera: Array, base_height: float) -> bool:
+    """Whether the highest of what was seen is where nothing lies; base_link is `base_height` m over the ground."""
+    heights = transform(T_base_camera, np.array([blob.position for blob in blobs]))[:, 2] + base_height
     return bool(heights.max() > LOWEST_M)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass
+from typing import Any
 
 from grape.actions.calibration import adopt_offsets, remember_offsets
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
+from grape.actions.drive_to_pose import PURE_PURSUIT, DriveGoal, drive_to_pose
 from grape.actions.obstacles import OBSTACLES, UNSEEN
+from grape.actions.shortest_way import route_options
 from grape.messages import Array
-from grape.navigation.route import RouteOptions, park_beside
+from grape.navigation.route import park_beside
 from grape.site import Site
 from grape.tasks.dispenser.row import plant_in_base
-from grape.tasks.dispenser.stops import ARM_SIDE_M, Stop, first_stop, next_stop, relative_to
+from grape.tasks.dispenser.stops import Stop, first_stop, next_stop, relative_to
 from grape.tasks.dispenser.targets import recall_spurs
 
 PARKED = "parked"  # in world.committed: (plant, ahead_m, beside_m) of the present stop; in the ledger as well
@@ -27,10 +29,12 @@ class DriveToPlantGoal:
     Attributes:
         plant: id in the site file.
         speed: m/s.
+        planner: name of a local planner.
     """
 
     plant: str
     speed: float = 0.8
+    planner: str = PURE_PURSUIT
 
 
 @action("DriveToPlant")
@@ -48,10 +52,10 @@ def drive_to_plant(goal: DriveToPlantGoal, ctx: Context) -> Generator[Feedback, 
     stop = yield from ctx.jobs.run(_choose, ctx, goal.plant)
     leave_stop(ctx)
     adopt_offsets(ctx)
-    x, y, yaw = (float(v) for v in stop_pose(ctx.world.site, goal.plant, stop))
+    x, y, yaw = (float(v) for v in stop_pose(ctx.robot.description, ctx.world.site, goal.plant, stop))
     place = {"ahead_m": stop.ahead_m, "beside_m": stop.beside_m}
     with ctx.ledger.step("drive", goal.plant, moves_base=True, **place):
-        result = yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed), ctx)
+        result = yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed, planner=goal.planner), ctx)
     remember_offsets(ctx)
     ctx.ledger.remember(PARKED, [goal.plant, stop.ahead_m, stop.beside_m])
     ctx.world.committed[PARKED] = (goal.plant, stop.ahead_m, stop.beside_m)
@@ -72,10 +76,9 @@ def leave_stop(ctx: Context) -> None:
         ctx.world.committed.pop(name, None)
 
 
-def stop_pose(site: Site, plant: str, stop: Stop) -> Array:
-    """(3,) x y yaw of base_link in map at a stop beside a plant."""
-    route = RouteOptions(lateral=ARM_SIDE_M + stop.beside_m, offset=stop.ahead_m)
-    return park_beside(site, plant, "fore", route)
+def stop_pose(description: Any, site: Site, plant: str, stop: Stop) -> Array:
+    """(3,) x y yaw in map of a robot's base_link (`grape.robots.RobotDescription`) at a stop beside a plant."""
+    return park_beside(site, plant, "fore", route_options(description, stop.beside_m, offset=stop.ahead_m))
 
 
 def _choose(ctx: Context, plant: str) -> Stop:

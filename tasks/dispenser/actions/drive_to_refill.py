@@ -6,7 +6,7 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
+from grape.actions.drive_to_pose import PURE_PURSUIT, DriveGoal, drive_to_pose
 from grape.actions.shortest_way import shortest_way
 from grape.errors import ActionFailed, Reason
 from grape.site import RefillPoint
@@ -15,9 +15,10 @@ from grape.tasks.dispenser.actions.drive_to_plant import leave_stop
 
 @dataclass(frozen=True, kw_only=True)
 class DriveToRefillGoal:
-    """Attributes: speed: m/s."""
+    """Attributes: speed: m/s; planner: name of a local planner."""
 
     speed: float = 0.8
+    planner: str = PURE_PURSUIT
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,7 +37,7 @@ def drive_to_refill(goal: DriveToRefillGoal, ctx: Context) -> Generator[Feedback
     leave_stop(ctx)
     x, y = (float(v) for v in point.position)
     with ctx.ledger.step("drive", moves_base=True, refill=point.id):
-        yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=point.yaw_rad, speed=goal.speed), ctx)
+        yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=point.yaw_rad, speed=goal.speed, planner=goal.planner), ctx)
     return DriveToRefillResult(point=point.id)
 
 

@@ -19,11 +19,12 @@ from grape.tasks.dispenser.actions.scan_vine import VineScan
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
 from grape.tasks.dispenser.perception.depth_view import DepthView
 from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, MergeOptions, extract_poses, merge_poses, rank
-from grape.tasks.dispenser.row import GROUND_CLEARANCE_M, plant_in_base
+from grape.tasks.dispenser.row import plant_in_base
 from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, margins_of, orientations
 from grape.tasks.dispenser.targets import HangTarget, hang_line, remember_spurs
 
 OWN_HAND = (np.array([-0.13, -0.13, -0.30]), np.array([0.13, 0.13, 0.10]))  # m, corners in the hand's frame
+MOST_UNSEEN_M = 0.12  # of a spur beyond what was seen of it
 ALIKE, EASY = 0.2, 0.6  # margins this near are alike; from here on more of it is worth nothing
 OWN_LOOP = (np.array([-0.07, -0.20, -0.33]), np.array([0.07, 0.05, -0.20]))  # of a held dispenser, too
 
@@ -64,7 +65,7 @@ def find_deployment_points(
     goal: FindDeploymentPointsGoal, ctx: Context
 ) -> Generator[Feedback, None, FindDeploymentPointsResult]:
     """Extracts spurs from the scan, ranks them and keeps those that the hand reaches without touching the vine."""
-    box = vine_box(goal, plant_in_base(ctx, goal.plant))
+    box = vine_box(goal, plant_in_base(ctx, goal.plant), ctx.robot.description.base.height)
     looks: list[Look] = []
     for k in range(len(goal.scan.images)):
         looks.append((yield from ctx.jobs.run(look, goal.scan, k, box)))
@@ -108,15 +109,16 @@ class Look:
     poses: tuple[DeploymentPose, ...]
 
 
-def vine_box(goal: FindDeploymentPointsGoal, foot: Array) -> Box:
+def vine_box(goal: FindDeploymentPointsGoal, foot: Array, base_height: float) -> Box:
     """What belongs to the vine: its half of the way to its neighbours, off the ground.
 
     Args:
         goal: with the limits.
         foot: (2,) m or more, where the trunk stands, in base_link.
+        base_height: m, of base_link over the ground.
     """
     reach = np.array([goal.half_width_m, goal.depth_m])
-    low, high = (height - GROUND_CLEARANCE_M for height in goal.height_m)
+    low, high = (height - base_height for height in goal.height_m)
     return np.array([*(foot[:2] - reach), low]), np.array([*(foot[:2] + reach), high])
 
 
@@ -145,7 +147,15 @@ def fuse(looks: Sequence[Look], sweep: Sweep, box: Box) -> tuple[tuple[Deploymen
         more = extract_poses(sweep.points[crop_mask(sweep.points, *box)], _places(sweep), LIDAR_SPURS)
         hidden = [pose for pose in more if not any(look.view.shows(pose) for look in looks)]
         poses = rank([*poses, *hidden], MergeOptions().min_score)
-    return poses, cloud
+    return poses, np.vstack([cloud, *(unseen_ends(pose, [look.view for look in looks]) for pose in poses if looks)])
+
+
+def unseen_ends(pose: DeploymentPose, views: Sequence[DepthView]) -> Array:
+    """(n, 3) m, where a spur may go on beyond its tip as far as no frame has looked: it was cut off by the pictures."""
+    steps = np.arange(0.01, MOST_UNSEEN_M + 0.005, 0.01)
+    beyond = pose.tip + steps[:, None] * pose.direction
+    looked = np.any([view.looked_at(beyond) for view in views], axis=0)
+    return beyond[: int(np.argmax(looked)) if looked.any() else len(beyond)]
 
 
 def _places(sweep: Sweep, most: int = 20) -> Array:

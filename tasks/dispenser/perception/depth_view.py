@@ -22,12 +22,14 @@ class DepthView:
         T_base_camera: (4, 4) pose of its optical frame in the frame of the deployment poses.
         margin_px: what lies nearer to the picture's edge may be cut off by it.
         behind_m: something this much nearer to the camera hides what is behind.
+        nearest_m: nearer than this the camera measures no depth.
     """
 
     image: RgbdImage
     T_base_camera: Array
     margin_px: float = 14.0
     behind_m: float = 0.03
+    nearest_m: float = 0.22
 
     def inside(self, pose: DeploymentPose) -> bool:
         """Whether the whole spur lies in the picture, clear of its edges."""
@@ -45,9 +47,22 @@ class DepthView:
         open_way = (depth > 0) & (depth > z - self.behind_m)
         return 1.0 if int(open_way.sum()) >= _SAMPLES - 1 else 0.5
 
+    def looked_at(self, points: Array) -> Array:
+        """Which points (n, 3) lie in the picture and not behind something, (n,) bool. No depth means nothing there."""
+        u, v, z = self._pixels(points)
+        h, w = self.image.depth.shape
+        inside = (z > self.nearest_m) & (u > 0) & (u < w - 1) & (v > 0) & (v < h - 1)
+        depth = np.asarray(self.image.depth)[
+            np.rint(np.where(inside, v, 0.0)).astype(int), np.rint(np.where(inside, u, 0.0)).astype(int)
+        ]
+        return inside & ((depth == 0) | (depth > z - self.behind_m))
+
     def _project(self, pose: DeploymentPose) -> tuple[Array, Array, Array]:
-        line = pose.base + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (pose.tip - pose.base)
-        p = transform(inverse(self.T_base_camera), line)
+        return self._pixels(pose.base + np.linspace(0.0, 1.0, _SAMPLES)[:, None] * (pose.tip - pose.base))
+
+    def _pixels(self, points: Array) -> tuple[Array, Array, Array]:
+        """Column and row (n,) px, and depth (n,) m, of points (n, 3)."""
+        p = transform(inverse(self.T_base_camera), points)
         K = self.image.info.K
         z = np.maximum(p[:, 2], 1e-6)
         return K[0, 0] * p[:, 0] / z + K[0, 2], K[1, 1] * p[:, 1] / z + K[1, 2], p[:, 2]

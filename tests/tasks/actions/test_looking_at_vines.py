@@ -173,7 +173,7 @@ def test_a_held_dispenser_is_no_wood(bench: Bench, holding: bool) -> None:
 def test_lidar_fills_in_beside_the_frames_and_is_enough_alone(bench: Bench) -> None:
     sweep, tips = swept_spurs()
     nothing = VineScan(sweep=sweep, images=(), T_base_camera=(), T_hand_camera=np.eye(4))
-    box = vine_box(FindDeploymentPointsGoal(plant="v0", scan=nothing), np.array([0.5, 0.955]))
+    box = vine_box(FindDeploymentPointsGoal(plant="v0", scan=nothing), np.array([0.5, 0.955]), 0.132)
     alone, cloud = fuse([], sweep, box)
     assert len(alone) == 2 and len(cloud) > 500
     for tip in tips:

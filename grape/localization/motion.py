@@ -1,0 +1,49 @@
+"""How particles move with odometry.
+
+Source: Thrun, Burgard and Fox, Probabilistic Robotics, 2005, table 5.6.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.errors import InvalidInput
+from grape.geometry import wrap_angle
+from grape.messages import Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometryNoise:
+    """Variances: of a turn `turn_by_turn` · turn² + `turn_by_way` · way², of a way `way_by_way` · way² +
+    `way_by_turn` · turn²."""
+
+    turn_by_turn: float = 0.1
+    turn_by_way: float = 0.05
+    way_by_way: float = 0.1
+    way_by_turn: float = 0.05
+    least_way: float = 0.005  # m and rad: what odometry is off by at least
+    least_turn: float = 0.005
+
+    def __post_init__(self) -> None:
+        if min(vars(self).values()) < 0:
+            raise InvalidInput(f"noise must not be negative, got {self}")
+
+
+def moved(poses: Array, step: Array, noise: OdometryNoise, rng: np.random.Generator) -> Array:
+    """Poses (n, 3) after a step (3,) x y yaw of odometry in the robot's own axes, each with its own error."""
+    from grape.localization.amcl_kernels import move
+
+    way = float(np.hypot(step[0], step[1]))
+    heading = float(np.arctan2(step[1], step[0])) if way > 0.01 else 0.0
+    rest = float(wrap_angle(step[2] - heading))
+    bend, unbend = _least_turn(heading), _least_turn(rest)  # driving backwards is no turn
+    first, second = np.sqrt(noise.turn_by_turn * np.array([bend, unbend]) ** 2 + noise.turn_by_way * way**2)
+    along = np.sqrt(noise.way_by_way * way**2 + noise.way_by_turn * (bend**2 + unbend**2))
+    std = np.array([first, along + noise.least_way, second + noise.least_turn])
+    return move(poses, np.array([heading, way, rest]), std, rng.standard_normal((3, len(poses))))
+
+
+def _least_turn(angle: float) -> float:
+    return min(abs(angle), abs(abs(angle) - np.pi))
