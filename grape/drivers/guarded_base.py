@@ -28,22 +28,26 @@ FENCE, POSE = "fence", "pose"  # what may decide beside the monitor's zones
 
 @dataclass(frozen=True, kw_only=True)
 class GuardOptions:
-    """Limits of a guarded base.
+    """Limits of a guarded base; pairs are (linear, angular) in m and rad.
+
+    Slowing down is never delayed.
 
     Args:
-        max_linear, max_angular: m/s and rad/s.
-        acceleration, jerk: with which the base picks up speed again after it was slowed down: (linear, angular), in
-            m/s^2, rad/s^2 and m/s^3, rad/s^3. Slowing down is never delayed.
+        velocity: per s.
+        acceleration: per s^2, with which commands may pick up speed.
+        gentle, jerk: per s^2 and s^3, with which they do after they were slowed down.
         max_age_s: of a scan and, where there are fences, of the pose.
         period_s: between two commands.
+        control_s: a controller that changes its commands no more often than this may do so in one step.
     """
 
-    max_linear: float
-    max_angular: float
-    acceleration: tuple[float, float] = (0.7, 1.6)
+    velocity: tuple[float, float]
+    acceleration: tuple[float, float]
+    gentle: tuple[float, float] = (0.7, 1.6)
     jerk: tuple[float, float] = (3.0, 8.0)
     max_age_s: float = 0.3
     period_s: float = 0.01
+    control_s: float = 0.05
 
 
 class GuardedBase:
@@ -80,7 +84,7 @@ class GuardedBase:
         self._asked: tuple[float, ...] = ()  # command and stamps of the scans that were judged last
         self._judged = blind_stop(self._state)
         self._zone = ""
-        self._limiter: VelocityLimiter | None = None  # while the base picks up speed after it was slowed down
+        self._pace = _Pace(options)
 
     def send(self, linear_x: float, angular_z: float) -> Twist:
         """Set-point of the body velocity (m/s, rad/s); returns what was sent after zones, fences and limits.
@@ -90,20 +94,20 @@ class GuardedBase:
         """
         if not (np.isfinite(linear_x) and np.isfinite(angular_z)):
             raise InvalidInput(f"base: send finite velocities, got {linear_x} m/s and {angular_z} rad/s")
-        limits = self._options
-        v = float(np.clip(linear_x, -limits.max_linear, limits.max_linear))
-        w = float(np.clip(angular_z, -limits.max_angular, limits.max_angular))
+        linear, angular = self._options.velocity
+        v = float(np.clip(linear_x, -linear, linear))
+        w = float(np.clip(angular_z, -angular, angular))
         if motion_of(v, w) is None:
-            self._limiter = None
+            self._pace.rest()
             return self._base.send(v, w)
         decision = self._decide(v, w)
         self._state = decision.state
         self._tell(decision)
-        return self._base.send(*self._smoothed(decision.factor, v, w))
+        return self._base.send(*self._pace.step(v, w, decision.factor, self._clock.now()))
 
     def stop(self) -> None:
         """Brake now and hold."""
-        self._limiter = None
+        self._pace.rest()
         self._base.stop()
 
     def latest(self, max_age_s: float | None = None) -> JointState:
@@ -152,30 +156,52 @@ class GuardedBase:
             self._on_change(decision)
         self._zone = decision.zone
 
-    def _smoothed(self, factor: float, v: float, w: float) -> tuple[float, float]:
-        """What is left of a command; after it was cut, speed is picked up again within acceleration and jerk."""
-        if factor == 1.0 and self._limiter is None:
-            return v, w
-        target = np.array([factor * v, factor * w])
-        if self._limiter is None:
-            self._limiter = self._new_limiter(target)
-        before = self._limiter.velocity
-        if (target * before < 0.0).any() or np.abs(target).sum() <= np.abs(before).sum():
-            self._limiter.reset(target)
-        else:
-            self._limiter.step(target)
-        sent = self._limiter.velocity
-        if factor == 1.0 and np.abs(sent - target).max() < 1e-3:
-            self._limiter = None
-        return float(sent[0]), float(sent[1])
 
-    def _new_limiter(self, velocity: Array) -> VelocityLimiter:
-        options = self._options
-        limiter = VelocityLimiter(
-            np.array([options.max_linear, options.max_angular]),
-            np.array(options.acceleration),
-            options.period_s,
-            np.array(options.jerk),
-        )
-        limiter.reset(velocity)
-        return limiter
+class _Pace:
+    """How fast commands pick up speed: as fast as the base can, and gently after they were cut."""
+
+    def __init__(self, options: GuardOptions) -> None:
+        self._options = options
+        velocity = np.array(options.velocity)
+        self._quick = VelocityLimiter(velocity, np.array(options.acceleration), options.period_s)
+        self._gentle = VelocityLimiter(velocity, np.array(options.gentle), options.period_s, np.array(options.jerk))
+        self._sent = np.zeros(2)
+        self._changed_s = -np.inf
+        self._cut = False
+
+    def rest(self) -> None:
+        """The base stands."""
+        self._sent, self._cut = np.zeros(2), False
+
+    def step(self, v: float, w: float, factor: float, now: float) -> tuple[float, float]:
+        """What to send (m/s, rad/s) of a command of which the guard has left `factor`."""
+        target = factor * np.array([v, w])
+        if factor < 1.0 and not self._cut:
+            self._cut = True
+            self._gentle.reset(self._sent)
+        before = self._sent
+        self._sent = self._gently(target) if self._cut else self._quickly(target, now)
+        if (self._sent != before).any():
+            self._changed_s = now
+        if factor == 1.0 and np.abs(self._sent - target).max() < 1e-3:
+            self._cut, self._sent = False, target
+        return float(self._sent[0]), float(self._sent[1])
+
+    def _gently(self, target: Array) -> Array:
+        slowed = _slowed(self._sent, target)
+        if (slowed != self._sent).any():
+            self._gentle.reset(slowed)
+        return self._gentle.step(target)
+
+    def _quickly(self, target: Array, now: float) -> Array:
+        slowed = _slowed(self._sent, target)
+        step = np.array(self._options.acceleration) * min(now - self._changed_s, self._options.control_s)
+        if (np.abs(target - slowed) <= step).all():
+            return target
+        self._quick.reset(slowed)
+        return self._quick.step(target)
+
+
+def _slowed(before: Array, target: Array) -> Array:
+    """What may be sent at once on the way from one command (2,) to another: braking, to rest at most."""
+    return np.where(before * target > 0.0, np.sign(target) * np.minimum(np.abs(target), np.abs(before)), 0.0)

@@ -25,7 +25,8 @@ def guarded(drivers: Drivers, description: Any, world: World, clock: Clock, log:
     Args:
         description: `grape.robots.RobotDescription`.
     """
-    footprint = footprint_of(description.base.footprint)
+    limits = description.base
+    footprint = footprint_of(limits.footprint)
 
     def pose() -> tuple[float, Array] | None:
         if world.odometry is None or not world.localized:
@@ -40,7 +41,7 @@ def guarded(drivers: Drivers, description: Any, world: World, clock: Clock, log:
     base = GuardedBase(
         drivers.base,
         clock,
-        CollisionMonitor(description.base.zones, CollisionOptions(footprint=footprint)),
+        CollisionMonitor(limits.zones, CollisionOptions(footprint=footprint)),
         FenceGuard([fence.polygon for fence in world.site.fences], footprint),
         {
             name: (driver, mounts[name].T_parent_sensor)
@@ -48,7 +49,10 @@ def guarded(drivers: Drivers, description: Any, world: World, clock: Clock, log:
             if name in mounts and mounts[name].parent == "base_link"
         },
         pose,
-        GuardOptions(max_linear=description.base.max_linear, max_angular=description.base.max_angular),
+        GuardOptions(
+            velocity=(limits.max_linear, limits.max_angular),
+            acceleration=(limits.max_linear_acceleration, limits.max_angular_acceleration),
+        ),
         tell,
     )
     return replace(drivers, base=base)

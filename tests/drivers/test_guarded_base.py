@@ -34,7 +34,7 @@ class Yard:
             FenceGuard(fences, PRINT),
             {"front_laser": (self, T_BASE_LASER)},  # type: ignore[dict-item]
             lambda: (self.time_s, np.array([self.x, 0.0, 0.0])) if self.known else None,
-            GuardOptions(max_linear=1.0, max_angular=2.0),
+            GuardOptions(velocity=(1.0, 2.0), acceleration=(3.0, 6.0)),
             self.told.append,
         )
 
@@ -67,42 +67,63 @@ class Yard:
         return self.sent[-1]
 
 
-def test_command_on_free_ground_goes_through_to_the_bit():
+def test_command_on_free_ground_that_the_base_can_follow_goes_through_to_the_bit():
     yard = Yard()
-    for v, w in ((0.7123456789, 0.1), (-0.3, 0.0), (0.0, -0.77), (0.0, 0.0)):
-        assert yard.drive(v, w) == (v, w)
+    wishes = [(0.0123456789 * k, 0.1 - 0.05 * k) for k in range(12)]
+    for v, w in (*wishes, (0.01, 0.0), (-0.1, 0.2), (0.0, -0.25), (0.0, 0.0)):
+        assert yard.drive(v, w, beats=5) == (v, w)
+        assert yard.sent[-5:] == [(v, w)] * 5, "in the first beat"
     assert yard.told == []
 
 
 def test_speeds_are_held_to_the_limits():
-    assert Yard().drive(9.0, -9.0) == (1.0, -2.0)
+    assert Yard().drive(9.0, -9.0, beats=50) == (1.0, -2.0)
+
+
+def test_step_of_speed_becomes_a_ramp_that_the_base_can_follow():
+    yard = Yard()
+    yard.drive(0.8, -1.5, beats=60)
+    sent = np.array(yard.sent)
+    assert tuple(sent[-1]) == (0.8, -1.5)
+    steps = np.abs(np.diff(np.vstack([[0.0, 0.0], sent]), axis=0))
+    assert steps[:, 0].max() == pytest.approx(0.03) and steps[:, 1].max() <= 0.06 + 1e-9, "m/s, rad/s in a beat"
+    assert np.count_nonzero(steps[:, 0]) == np.count_nonzero(steps[:, 1]) == 27, "both arrive together, the arc stays"
+
+
+def test_braking_and_turning_back_are_not_delayed():
+    yard = Yard()
+    yard.drive(0.8, -1.5, beats=60)
+    assert yard.drive(0.1, -1.5) == (0.1, -1.5)
+    v, w = yard.drive(-0.6, 0.0)
+    assert w == 0.0 and -0.04 <= v <= 0.0, "through rest, and on from there as fast as it can"
+    assert yard.drive(0.0, 0.0) == (0.0, 0.0)
 
 
 def test_something_in_the_stop_zone_stops_at_once_and_is_told_once():
     yard = Yard()
-    yard.drive(0.3)
+    yard.drive(0.3, beats=20)
     yard.range_m = 0.15
     assert yard.drive(0.3, 0.2, beats=30) == (0.0, 0.0)
-    assert yard.sent[1] == (0.0, 0.0), "in the first beat"
+    assert yard.sent[20] == (0.0, 0.0), "in the first beat"
     (decision,) = yard.told
     assert decision.zone == "stop ahead" and decision.point is not None
 
 
 def test_speed_is_picked_up_smoothly_once_the_way_is_free():
     yard = Yard()
-    yard.drive(0.8)
+    yard.drive(0.8, beats=40)
     yard.range_m = 0.15
     yard.drive(0.8, beats=20)
     yard.range_m = np.inf
     assert yard.drive(0.8, beats=400) == (0.8, 0.0)
-    speeds = np.array(yard.sent)[21:, 0]
+    speeds = np.array(yard.sent)[60:, 0]
     assert np.diff(speeds).min() >= -1e-9 and np.diff(speeds).max() < 0.7 * 0.01 + 1e-6, "m/s in a beat"
     assert np.abs(np.diff(speeds, 2)).max() < 3.0 * 0.01**2 + 1e-3
 
 
 def test_silent_laser_stops_the_base_whoever_drives():
     yard = Yard()
-    yard.drive(0.4)
+    yard.drive(0.4, beats=30)
     yard.stamp = yard.time_s
     yard.time_s += 0.29
     assert yard.drive(0.4) == (0.4, 0.0)
@@ -131,7 +152,7 @@ def test_base_does_not_move_among_fences_without_a_pose():
     assert yard.drive(0.5) == (0.0, 0.0) and yard.told[-1].zone == POSE
     free = Yard()
     free.known = False
-    assert free.drive(0.5) == (0.5, 0.0), "without fences no pose is needed"
+    assert free.drive(0.5, beats=30) == (0.5, 0.0), "without fences no pose is needed"
 
 
 def test_stop_reaches_the_wheels_and_nonsense_does_not():
