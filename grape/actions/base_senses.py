@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
 from typing import Any
 
 import numpy as np
 
-from grape.actions.core import Context
+from grape.actions.core import Context, Feedback
 from grape.actions.shortest_way import footprint_of, site_surroundings
+from grape.drivers import BaseDriver
 from grape.errors import ActionFailed, Reason, StaleData
 from grape.frames import FrameError
 from grape.geometry import yaw_of
@@ -115,6 +117,21 @@ class BaseSenses:
             self._take_clouds()
         if self._due.ask("map", now, MAP_PERIOD_S) or force:
             self.local = self.surroundings.local(self.pose()[:2])
+
+    def look_around(self, base: BaseDriver) -> Generator[Feedback, None, None]:
+        """Stand for a few scans, so that what is in view is known.
+
+        Raises:
+            ActionFailed: STALE_DATA or NOT_LOCALIZED.
+        """
+        self.update(force=True)
+        yield Feedback(status="looking around")
+        until = self._ctx.clock.now() + 3.2 * SCAN_PERIOD_S
+        while self._ctx.clock.now() < until:
+            base.send(0.0, 0.0)
+            self.fresh(self._ctx.clock.now())
+            self.update()
+            yield Feedback(status="looking around")
 
     def _take_scans(self) -> None:
         points, arrived = [np.empty((0, 2))], [np.empty((0, 2))]

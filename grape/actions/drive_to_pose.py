@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from grape.actions.base_senses import LOST_S, SCAN_PERIOD_S, BaseSenses, Due
+from grape.actions.base_senses import LOST_S, BaseSenses, Due
 from grape.actions.core import Context, Feedback, action
 from grape.actions.shortest_way import route_options
 from grape.drivers import BaseDriver
@@ -127,12 +127,15 @@ class _Drive:
         """The first path; obstacles in view count already.
 
         Raises:
-            ActionFailed: NO_PATH.
+            ActionFailed: NO_PATH by the site file, BLOCKED when obstacles close the way that it leaves open.
         """
-        self._senses.update(force=True)
-        yield Feedback(status="looking around")
-        yield from self._wait_scans(base)
-        self._path = yield from self._ctx.jobs.run(plan_route, *self._plan_arguments())
+        yield from self._senses.look_around(base)
+        costs, *way = self._plan_arguments()
+        try:
+            self._path = yield from self._ctx.jobs.run(plan_route, costs, *way)
+        except ActionFailed as closed:
+            yield from self._ctx.jobs.run(plan_route, self._senses.surroundings.fences(), *way)
+            raise ActionFailed(Reason.BLOCKED, f"with what stands there, {closed.detail}") from closed
         self._start_path()
 
     def replan(self, base: BaseDriver) -> Generator[Feedback, None, None]:
@@ -275,15 +278,6 @@ class _Drive:
         options = route_options(self._ctx.robot.description)
         stops = waypoints(self._ctx.world.site.rows, pose, self._target, options)
         return self._senses.surroundings.overall(), pose, stops, self._planner
-
-    def _wait_scans(self, base: BaseDriver) -> Generator[Feedback, None, None]:
-        """Stand for a few scans, so that the first plan knows what is in view."""
-        until = self._ctx.clock.now() + 3.2 * SCAN_PERIOD_S
-        while self._ctx.clock.now() < until:
-            base.send(0.0, 0.0)
-            self._senses.fresh(self._ctx.clock.now())
-            self._senses.update()
-            yield Feedback(status="looking around")
 
 
 def _follower(goal: DriveGoal, footprint: Footprint, fences: Costmap) -> LocalPlanner:

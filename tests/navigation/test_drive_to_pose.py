@@ -220,11 +220,43 @@ def test_blocked_lane_without_a_way_around_stops_the_robot_before_the_obstacle(s
     def block(now: float) -> None:
         nose.append(machine.pose[0] + 0.495)
         if now > 2.0:
-            y = np.arange(-1.7, -0.2, 0.15)
-            machine.circles = np.column_stack([np.full(len(y), 1.6), y, np.full(len(y), 0.06)])
+            machine.circles = across_the_lane(1.6)
 
     assert failure((machine, ctx), DriveGoal(x=4.0, y=-0.835, yaw=0.0), block).reason is Reason.BLOCKED
     assert 0.0 < max(nose) < 1.54
+
+
+def across_the_lane(x: float) -> Any:
+    """Posts (n, 3) so near to each other that nobody gets through, from the row to y = -1.7 m."""
+    y = np.arange(-1.7, -0.2, 0.15)
+    return np.column_stack([np.full(len(y), x), y, np.full(len(y), 0.06)])
+
+
+def test_lane_that_is_blocked_at_its_entry_is_entered_from_its_other_end(setting):
+    side = Area(id="side", polygon=np.array([[-1.0, -1.9], [-1.0, -1.7], [7.0, -1.7], [7.0, -1.9]]))
+    machine, ctx = setting(fences=(side,))
+    machine.circles = across_the_lane(0.3)
+    noted, far = recoveries(ctx), []
+    goal = DriveGoal(x=4.0, y=-0.835, yaw=0.0)
+    result, _ = drive(machine, ctx, goal, lambda now: far.append(machine.pose[0]), limit_s=200.0)
+    along, across, _ = in_frame_of(machine.pose, np.array([goal.x, goal.y, goal.yaw]))
+    assert abs(along) < 0.03 and abs(across) < 0.03
+    assert max(far) > 7.5 and result.distance_m > 12.0, "around by the other end"
+    assert [event["how"] for event in noted].count("detour") == result.replans
+
+
+def test_lane_that_is_blocked_before_the_drive_begins_is_no_error_of_the_site(setting):
+    side = Area(id="side", polygon=np.array([[-4.0, -1.9], [-4.0, -1.7], [8.6, -1.7], [8.6, -1.9]]))
+    ends = [
+        Area(id=f"end {x}", polygon=np.array([[x, -1.9], [x + 0.4, -1.9], [x + 0.4, 0.3], [x, 0.3]]))
+        for x in (-4.4, 8.2)
+    ]
+    row = Area(id="row", polygon=np.array([[-4.0, -0.2], [0.0, -0.2], [0.0, 0.2], [-4.0, 0.2]]))
+    machine, ctx = setting(fences=(side, row, *ends))
+    machine.circles = across_the_lane(-0.8)
+    failed = failure((machine, ctx), DriveGoal(x=4.0, y=-0.835, yaw=0.0))
+    assert failed.reason is Reason.BLOCKED and "what stands there" in failed.detail
+    assert machine.pose[0] == -3.0
 
 
 def test_person_who_leaves_is_waited_for(setting):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,9 +15,12 @@ from grape.errors import ActionFailed, GoalRejected, Reason, StaleData
 from grape.geodesy import Datum
 from grape.geometry import pose as make_pose
 from grape.geometry import rotation_z, yaw_of
-from grape.messages import LaserScan, Odometry, PointCloud, Twist
+from grape.messages import Array, LaserScan, Odometry, PointCloud, Twist
+from grape.mission.guard import guarded
+from grape.navigation.grid import Footprint
 from grape.robots.husky_jaco2 import DESCRIPTION
-from grape.site import Row, Site
+from grape.sim.areas import polygons_touch
+from grape.site import Area, Row, Site
 from grape.world import World
 
 SITE = Site(
@@ -31,9 +35,14 @@ SITE = Site(
 
 
 class Bench:
-    """A base that moves as it is told, a laser that sees nothing, and a cloud of what is put there."""
+    """A base that moves as it is told, a laser that sees nothing, and a cloud of what is put there.
 
-    def __init__(self) -> None:
+    Args:
+        fences: of the site; with them the base is behind its guard, and brakes with 1 m/s^2 and 1 rad/s^2 at most.
+    """
+
+    def __init__(self, *fences: Array) -> None:
+        self.moving, self.braking = np.zeros(2), 0.01 if fences else np.inf
         self.time_s, self.pose = 0.0, np.array([-3.0, -2.0, 0.0])
         self.held = self.silent = False
         self.sent: list[tuple[float, float]] = []
@@ -46,11 +55,14 @@ class Bench:
             base=self, arm=none, gripper=none, camera=none, imu=none, gnss=none,  # type: ignore[arg-type]
             scans={"front_laser": laser}, clouds={"velodyne": cloud},
         )  # fmt: skip
-        log: Any = SimpleNamespace(event=lambda kind, **fields: None)
+        self.told: list[str] = []  # zones by which the guard decided
+        log: Any = SimpleNamespace(event=lambda kind, **fields: self.told.append(fields["zone"]))
+        areas = tuple(Area(id=f"fence {k}", polygon=polygon) for k, polygon in enumerate(fences))
+        world = World(site=replace(SITE, fences=areas))
         self.ctx = core.Context(
             clock=self,
-            world=World(site=SITE),
-            drivers=drivers,
+            world=world,
+            drivers=guarded(drivers, DESCRIPTION, world, self, log) if fences else drivers,
             robot=SimpleNamespace(description=DESCRIPTION),
             jobs=core.InlineJobs(),
             log=log,
@@ -98,8 +110,9 @@ class Bench:
             while self.time_s < limit_s:
                 next(generator)
                 on_beat(self.time_s)
-                v, w = self.sent[-1] if self.sent else (0.0, 0.0)
-                yaw = self.pose[2]
+                wish = np.array(self.sent[-1] if self.sent else (0.0, 0.0))
+                self.moving = self.moving + np.clip(wish - self.moving, -self.braking, self.braking)
+                (v, w), yaw = self.moving, self.pose[2]
                 self.pose = self.pose + 0.01 * np.array([v * np.cos(yaw), v * np.sin(yaw), w])
                 self.time_s += 0.01
                 self.estimate()
@@ -165,6 +178,56 @@ def test_what_stands_behind_is_seen_by_the_cloud_and_not_backed_into(bench):
         bench.run(back_off(BackOffGoal(distance=1.5), bench.ctx), stay)
     assert failed.value.reason is Reason.BLOCKED
     assert 0.2 < -3.0 - bench.pose[0] < 0.6 and bench.stops == 1
+
+
+def stays_off(bench: Bench, fence: Array) -> Callable[[float], None]:
+    """Checks in each beat, by an algorithm of another room, that the robot does not stand on a fence."""
+    front, left = DESCRIPTION.base.footprint.max(axis=0)
+    body = Footprint(front=front, rear=front, half_width=left)
+
+    def check(now: float) -> None:
+        assert not polygons_touch(body.corners(bench.pose), fence), f"at {bench.pose}"
+
+    return check
+
+
+def test_backing_off_ends_before_a_fence_that_nothing_sees():
+    fence = np.array([[-4.2, -9.0], [-4.1, -9.0], [-4.1, 9.0], [-4.2, 9.0]])
+    bench = Bench(fence)
+    with pytest.raises(ActionFailed) as failed:
+        bench.run(back_off(BackOffGoal(distance=2.0, speed=0.3), bench.ctx))
+    assert failed.value.reason is Reason.BLOCKED
+    assert -4.1 + 0.495 < bench.pose[0] < -3.2
+
+
+def test_turning_ends_before_a_corner_comes_over_a_fence_beside_the_base():
+    fence = np.array([[-9.0, -1.55], [9.0, -1.55], [9.0, -1.45], [-9.0, -1.45]])
+    bench = Bench(fence)
+    with pytest.raises(ActionFailed) as failed:
+        bench.run(turn(TurnGoal(angle=2.0, rate=0.8), bench.ctx), stays_off(bench, fence))
+    assert failed.value.reason is Reason.BLOCKED and "held back" in failed.value.detail
+    assert 0.05 < bench.pose[2] < 0.5 and bench.told[-1] == "fence"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_recovery_crosses_a_fence(seed):
+    rng = np.random.default_rng(seed)
+    x, gap, side = rng.uniform(-0.6, 0.2), rng.uniform(0.04, 0.2), rng.choice([-1.0, 1.0])
+    corners = np.array([[x, 0.343 + gap], [x - 0.3, 0.9], [x + 0.3, 0.9]])  # a wedge, beside the base or its way back
+    fence = np.array([-3.0, -2.0]) + corners * [1.0, side]
+    bench, ended = Bench(fence), []
+    check = stays_off(bench, fence)
+    check(0.0)
+    for recovery in (
+        turn(TurnGoal(angle=rng.choice([-1.5, 1.5]), rate=0.8), bench.ctx),
+        back_off(BackOffGoal(distance=0.8, speed=0.3), bench.ctx),
+    ):
+        try:
+            bench.run(recovery, check)
+            ended.append("done")
+        except ActionFailed as failed:
+            ended.append(str(failed.reason))
+    assert set(ended) <= {"done", "blocked"} and "fence" in bench.told, "the guard was asked for"
 
 
 def test_base_that_is_held_back_gives_up_as_blocked(bench):
