@@ -109,15 +109,16 @@ class VineyardOptions:
 
 
 def _check_ranges(what: str, options: Any) -> None:
+    kind: type = type(options)
     try:
-        _ranges(type(options)).model_validate({f.name: getattr(options, f.name) for f in dataclasses.fields(options)})
+        _ranges(kind).model_validate({f.name: getattr(options, f.name) for f in dataclasses.fields(options)})
     except ValidationError as error:
         texts = [f"{e['loc'][0]}: got {e['input']!r}; {e['msg']}" for e in error.errors()]
         raise InvalidInput(f"{what}: " + "; ".join(texts)) from None
 
 
 @lru_cache(maxsize=2)
-def _ranges(options: type[Any]) -> Any:
+def _ranges(options: type) -> Any:
     return model_of(options)
 
 
