@@ -232,19 +232,6 @@ def across_the_lane(x: float) -> Any:
     return np.column_stack([np.full(len(y), x), y, np.full(len(y), 0.06)])
 
 
-def test_lane_that_is_blocked_at_its_entry_is_entered_from_its_other_end(setting):
-    side = Area(id="side", polygon=np.array([[-1.0, -1.9], [-1.0, -1.7], [7.0, -1.7], [7.0, -1.9]]))
-    machine, ctx = setting(fences=(side,))
-    machine.circles = across_the_lane(0.3)
-    noted, far = recoveries(ctx), []
-    goal = DriveGoal(x=4.0, y=-0.835, yaw=0.0)
-    result, _ = drive(machine, ctx, goal, lambda now: far.append(machine.pose[0]), limit_s=200.0)
-    along, across, _ = in_frame_of(machine.pose, np.array([goal.x, goal.y, goal.yaw]))
-    assert abs(along) < 0.03 and abs(across) < 0.03
-    assert max(far) > 7.5 and result.distance_m > 12.0, "around by the other end"
-    assert [event["how"] for event in noted].count("detour") == result.replans
-
-
 def test_lane_that_is_blocked_before_the_drive_begins_is_no_error_of_the_site(setting):
     side = Area(id="side", polygon=np.array([[-4.0, -1.9], [-4.0, -1.7], [8.6, -1.7], [8.6, -1.9]]))
     ends = [
