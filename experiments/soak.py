@@ -46,7 +46,7 @@ NOTES = (
     " sensors and the physics of the whole base; the arm stays folded. `track.csv`, `events.jsonl` and `drive.jsonl` of"
     " the run tell the rest.",
     f"Stops: {STOP_S:g} s and more within a drive without 1 cm or 0.01 rad of motion a second. Reasons: no integer fix"
-    " of the receiver, a recovery, or an end of the drive beside it.",
+    " of the receiver, a recovery, somebody near the path, the base's guard, or an end of the drive beside it.",
     f"Memory: what the process holds, from {WARM_S:g} s of each session on, by a line through it. What the run"
     " remembers of its own path is in it.",
 )
@@ -222,6 +222,8 @@ def measured(run: Path) -> list[Quantity]:
     plans = [(line["t"], bool(line["points"])) for line in lines if line["kind"] == "plan"]
     causes = [(line["t"], "no integer fix") for line in lines if line["kind"] == "gnss" and line["status"] != "fix"]
     causes += [(e["t"], f"recovery: {e['how']}, {e['why']}") for e in events if e["kind"] == "recovery"]
+    causes += [(e["t"], f"waiting: {e['why']}") for e in events if e["kind"] == "waiting"]
+    causes += [(e["t"], f"guard: {e['verdict']}") for e in events if e["kind"] == "base_guard"]
     causes += [(at, "end of a drive") for at, goes_on in plans if not goes_on]
     stood = stops(path, plans, causes)
     memory = memory_of(run.with_name(f"{run.name}_memory.csv"))
