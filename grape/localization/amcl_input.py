@@ -40,7 +40,7 @@ class AmclInputOptions:
 
     amcl: AmclOptions = field(default_factory=AmclOptions)
     watch: DiscordOptions = field(default_factory=lambda: DiscordOptions(least_way=0.05))
-    least_way: float = 0.12
+    least_way: float = 0.08
     least_turn: float = 0.03
     known_way: float = 0.3
     known_turn: float = 0.2
