@@ -13,6 +13,7 @@ from grape.localization.state import STATE, Mount, components
 from grape.messages import Array, frozen_array
 
 UNKNOWN = np.nan
+NOTHING = components()
 FLOAT_FACTOR = 3.0  # errors without an integer fix stay for many readings
 
 
@@ -68,7 +69,7 @@ class SensorOptions:
     delay_s: float = 0.0
     still_below: float = 0.0
     still_std: float = 0.002
-    still_bias: tuple[bool, ...] = components()
+    still_bias: tuple[bool, ...] = NOTHING
     still_bias_s: float = 300.0
     relocate_after: int = 0
 
