@@ -15,6 +15,7 @@ from grape.messages import Array
 
 LOOK_S = 0.1
 CHAIN_S = 0.1
+YAW, CHAINED_YAW_STD = components("yaw"), 0.05  # rad; ten times a second, and smoothed already
 CHI_SQUARE_95 = 5.991  # of two degrees of freedom
 
 
@@ -124,7 +125,7 @@ def by_chained_filters(log: SkidSteerLog) -> Track:
     local = {name: sensors[name] for name in LOCAL_SENSORS}
     chained = SensorOptions(
         components=components("roll", "pitch", "yaw", "vx", "vy", "vz", "wx", "wy", "wz"),
-        std=np.fmax(sensors["wheels"].std, sensors["imu"].std),
+        std=np.where(YAW, CHAINED_YAW_STD, np.fmax(sensors["wheels"].std, sensors["imu"].std)),
         std_per_speed=sensors["wheels"].std_per_speed,
         std_per_turn=per_component(vx=0.05, vy=0.05, vz=0.05),
     )
