@@ -238,8 +238,7 @@ def figures(first: dict[str, Any]) -> tuple[Figure, ...]:
     ways, seed = first["ways"], first["seed"]
     paths = [("true", ways[ONE_FILTER]["true"], TRUE)] + [(w.name, ways[w.name]["said"], w.colour) for w in WAYS]
     fused = [(w.name, ways[w.name]["errors"], w.colour) for w in WAYS[2:]]
-    fused.append(("EKF, without GNSS for 60 s and with jumps", first["trouble"], TRUE))
-    fused.append(("EKF + AMCL, without GNSS for 60 s and with discord", first["trouble_amcl"], SPOILT))
+    lines = [("EKF, with jumps", first["trouble"], TRUE), ("EKF + AMCL, with discord", first["trouble_amcl"], SPOILT)]
     marks = [(spell[0], "no GNSS") for spell in OUTAGES_S]
     return (
         Figure(
@@ -248,7 +247,11 @@ def figures(first: dict[str, Any]) -> tuple[Figure, ...]:
         ),
         Figure(
             title=f"Errors of the filters, seed {seed}",
-            svg=line_chart(fused, x_title="s", y_title="m", marks=marks),
+            svg=line_chart(fused, x_title="s", y_title="m"),
+        ),
+        Figure(
+            title="The same without GNSS for 60 s at a time",
+            svg=line_chart(lines, x_title="s", y_title="m", marks=marks),
         ),
     )
 
