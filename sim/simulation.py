@@ -16,6 +16,7 @@ from grape.sim.checkpoint import Checkpoint
 from grape.sim.compose import BASE_JOINT, DISPENSER, compose, compose_seen
 from grape.sim.drivers import SensorOptions, connect
 from grape.sim.faults import Fault, apply_fault, fault_record, repeat_fault
+from grape.sim.mud import Mud
 from grape.sim.physics import STEPS_PER_SECOND, Physics, SimulatedClock
 from grape.sim.raycast import Raycaster
 from grape.sim.referee import Referee
@@ -53,6 +54,7 @@ class Simulation:
         self.world = world
         self.robot = robot
         self._physics = Physics(compose(world, robot, self.options.dispensers, self.options.stock))
+        self._mud = Mud(self._physics, world.terrain, robot)
         self._place()
         sensors = self.options.sensors
         self._drivers = connect(
@@ -87,8 +89,7 @@ class Simulation:
             DriverError: the physics has diverged; the mission must end.
         """
         for _ in range(steps):
-            self._drivers.actuate()
-            self._physics.step()
+            self._step()
             self.referee.watch()
             self._drivers.sample(self._physics.clock.step)
         if self._checkpoint is not None:
@@ -174,11 +175,15 @@ class Simulation:
         physics.rearranged()
         mujoco.mj_forward(physics.model, physics.data)
 
+    def _step(self) -> None:
+        self._drivers.actuate()
+        self._mud.act()
+        self._physics.step()
+
     def _settle(self) -> None:
         """Let wheels sink in and loops come to rest, then start the clock at 0."""
         for _ in range(round(self.options.settle_s * STEPS_PER_SECOND)):
-            self._drivers.actuate()
-            self._physics.step()
+            self._step()
         self._physics.clock.step = 0
         self._physics.data.time = 0.0
         self._physics.rearranged()
