@@ -67,7 +67,7 @@ class BaseBench(RobotBench):
 
     def __init__(self, description: RobotDescription, truth: World, seed: int) -> None:
         super().__init__(description, truth, seed, truth.site.plants[0].id, SimulationOptions(dispensers=0))
-        self._sensing = Sensing(self.ctx.drivers, self.ctx.world, self.robot)
+        self._sensing = Sensing(self.simulation.drivers, self.ctx.world, self.robot)
         self._sense()
         self.run(wait_for_localization(WaitForLocalizationGoal(), self.ctx))
 

@@ -15,6 +15,7 @@ from grape.actions.core import Context, Feedback, InlineJobs
 from grape.actions.robot import build_robot
 from grape.errors import ActionFailed, Reason
 from grape.messages import Array
+from grape.mission.guard import guarded
 from grape.mission.ledger import SqliteLedger
 from grape.robots import RobotDescription
 from grape.sim.simulation import Simulation, SimulationOptions
@@ -45,7 +46,7 @@ class BenchLog:
 
 
 class RobotBench(ABC):
-    """One robot in one world; a subclass says what it knows of its surroundings at each beat.
+    """One robot in one world, its base guarded as in a mission; a subclass says what it senses at each beat.
 
     Args:
         description: of the robot.
@@ -65,10 +66,11 @@ class RobotBench(ABC):
         self._folder = TemporaryDirectory()
         account = Path(self._folder.name) / "ledger.sqlite"
         self._ledger = SqliteLedger.create(account, [(plant, "auto")], options.dispensers)
+        world, drivers, clock = World(site=truth.site), self.simulation.drivers, self.simulation.clock
         self.ctx = Context(
-            clock=self.simulation.clock,
-            world=World(site=truth.site),
-            drivers=self.simulation.drivers,
+            clock=clock,
+            world=world,
+            drivers=guarded(drivers, description, world, clock, self.log),
             robot=self.robot,
             jobs=InlineJobs(),
             log=self.log,

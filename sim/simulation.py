@@ -18,10 +18,11 @@ from grape.sim.drivers import SensorOptions, connect
 from grape.sim.faults import Fault, apply_fault, fault_record, repeat_fault
 from grape.sim.mud import Mud
 from grape.sim.physics import STEPS_PER_SECOND, Physics, SimulatedClock
-from grape.sim.raycast import Raycaster
+from grape.sim.raycast import MovingRays, Raycaster
 from grape.sim.referee import Referee
 from grape.sim.render import Renderer, View
 from grape.sim.worlds import World
+from grape.sim.worlds.walkers import Walkers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,20 +56,21 @@ class Simulation:
         self.robot = robot
         self._physics = Physics(compose(world, robot, self.options.dispensers, self.options.stock))
         self._mud = Mud(self._physics, world.terrain, robot)
+        self._walkers = Walkers(world.walkers, world.terrain)
         self._place()
         sensors = self.options.sensors
         self._drivers = connect(
             self._physics,
             robot,
             world.site,
-            Raycaster(world).cast,
+            MovingRays(Raycaster(world).cast, self._walkers).cast,
             lambda: compose_seen(world, robot, self.options.dispensers, self.options.stock),
             seed,
             replace(sensors, camera=replace(sensors.camera, gloss_rad=world.sun.gloss_rad)),
         )
         self._settle()
         self._drivers.sample(0)
-        self.referee = Referee(self._physics, world, robot)
+        self.referee = Referee(self._physics, world, robot, self._walkers)
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._checkpoint: Checkpoint | None = None
 
@@ -90,6 +92,7 @@ class Simulation:
         """
         for _ in range(steps):
             self._step()
+            self._walk()
             self.referee.watch()
             self._drivers.sample(self._physics.clock.step)
         if self._checkpoint is not None:
@@ -116,6 +119,7 @@ class Simulation:
                 repeat_fault(record, self._physics, self._drivers)
             self.referee.recall(journal)
             checkpoint.restore()
+            self._walk()
         checkpoint.save()
         return came_back
 
@@ -172,6 +176,7 @@ class Simulation:
         for index in range(self.options.dispensers):
             T_map_loop = T_map_base @ robot.feeder.T_base_link_level(index)
             _set_free_joint(physics, f"{DISPENSER}{index}", T_map_loop)
+        self._walk()
         physics.rearranged()
         mujoco.mj_forward(physics.model, physics.data)
 
@@ -179,6 +184,14 @@ class Simulation:
         self._drivers.actuate()
         self._mud.act()
         self._physics.step()
+
+    def _walk(self) -> None:
+        """Put every walker where it is at the clock's time."""
+        if not self._walkers.ids:
+            return
+        data, poses = self._physics.data, self._walkers.poses(self._physics.clock.now())
+        data.mocap_pos[:] = poses[:, :3]
+        data.mocap_quat[:, 0], data.mocap_quat[:, 3] = np.cos(0.5 * poses[:, 3]), np.sin(0.5 * poses[:, 3])
 
     def _settle(self) -> None:
         """Let wheels sink in and loops come to rest, then start the clock at 0."""
