@@ -33,7 +33,8 @@ class GuardOptions:
     Slowing down is never delayed.
 
     Args:
-        velocity: per s.
+        velocity: per s; no wheel is asked for more than the linear one. Where a command would, its turn wins.
+        effective_track: m between ideal wheels that would turn the base as its own do.
         acceleration: per s^2, with which commands may pick up speed.
         gentle, jerk: per s^2 and s^3, with which they do after they were slowed down.
         max_age_s: of a scan and, where there are fences, of the pose.
@@ -42,6 +43,7 @@ class GuardOptions:
     """
 
     velocity: tuple[float, float]
+    effective_track: float
     acceleration: tuple[float, float]
     gentle: tuple[float, float] = (0.7, 1.6)
     jerk: tuple[float, float] = (3.0, 8.0)
@@ -94,9 +96,7 @@ class GuardedBase:
         """
         if not (np.isfinite(linear_x) and np.isfinite(angular_z)):
             raise InvalidInput(f"base: send finite velocities, got {linear_x} m/s and {angular_z} rad/s")
-        linear, angular = self._options.velocity
-        v = float(np.clip(linear_x, -linear, linear))
-        w = float(np.clip(angular_z, -angular, angular))
+        v, w = self._within(linear_x, angular_z)
         if motion_of(v, w) is None:
             self._pace.rest()
             return self._base.send(v, w)
@@ -117,6 +117,15 @@ class GuardedBase:
     def since(self, stamp: float) -> tuple[JointState, ...]:
         """Buffered wheel states newer than `stamp`, oldest first."""
         return self._base.since(stamp)
+
+    def _within(self, v: float, w: float) -> tuple[float, float]:
+        """The command within the limits of the base and of its wheels."""
+        linear, angular = self._options.velocity
+        per_rad = 0.5 * self._options.effective_track  # m/s of a wheel for each rad/s
+        fastest = min(angular, linear / per_rad)
+        w = float(np.clip(w, -fastest, fastest))
+        left = linear - per_rad * abs(w)
+        return float(np.clip(v, -left, left)), w
 
     def _decide(self, v: float, w: float) -> Decision:
         now = self._clock.now()

@@ -51,6 +51,7 @@ def guarded(drivers: Drivers, description: Any, world: World, clock: Clock, log:
         pose,
         GuardOptions(
             velocity=(limits.max_linear, limits.max_angular),
+            effective_track=limits.effective_track,
             acceleration=(limits.max_linear_acceleration, limits.max_angular_acceleration),
         ),
         tell,

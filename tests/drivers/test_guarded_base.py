@@ -21,7 +21,7 @@ T_BASE_LASER = make_pose(translation=(0.45, 0.0, 0.20))
 class Yard:
     """A base with a laser whose beams all have the same length, and everything that was sent to its wheels."""
 
-    def __init__(self, *fences: Any) -> None:
+    def __init__(self, *fences: Any, effective_track: float = 0.2) -> None:
         self.time_s, self.range_m, self.stamp, self.blind = 5.0, np.inf, None, 0
         self.x, self.known = 0.0, True
         self.sent: list[tuple[float, float]] = []
@@ -34,7 +34,7 @@ class Yard:
             FenceGuard(fences, PRINT),
             {"front_laser": (self, T_BASE_LASER)},  # type: ignore[dict-item]
             lambda: (self.time_s, np.array([self.x, 0.0, 0.0])) if self.known else None,
-            GuardOptions(velocity=(1.0, 2.0), acceleration=(3.0, 6.0)),
+            GuardOptions(velocity=(1.0, 2.0), effective_track=effective_track, acceleration=(3.0, 6.0)),
             self.told.append,
         )
 
@@ -77,7 +77,16 @@ def test_command_on_free_ground_that_the_base_can_follow_goes_through_to_the_bit
 
 
 def test_speeds_are_held_to_the_limits():
-    assert Yard().drive(9.0, -9.0, beats=50) == (1.0, -2.0)
+    assert Yard().drive(9.0, 0.0, beats=50) == (1.0, 0.0)
+    assert Yard().drive(0.0, -9.0, beats=50) == (0.0, -2.0)
+
+
+@pytest.mark.parametrize(
+    ("wish", "sent"),
+    [((0.9, 0.1), (0.9, 0.1)), ((0.8, 1.5), (0.1, 1.5)), ((-0.8, -1.5), (-0.1, -1.5)), ((0.5, 9.0), (0.0, 5 / 3))],
+)
+def test_no_wheel_is_asked_for_more_than_it_has_and_the_turn_wins(wish, sent):
+    assert Yard(effective_track=1.2).drive(*wish, beats=60) == pytest.approx(sent)
 
 
 def test_step_of_speed_becomes_a_ramp_that_the_base_can_follow():
