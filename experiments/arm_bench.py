@@ -2,28 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Self, TypeVar
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from grape.actions.core import Context, Feedback, InlineJobs
-from grape.actions.robot import build_robot
-from grape.errors import ActionFailed, Reason
+from grape.experiments.robot_bench import RobotBench
 from grape.geometry import inverse
 from grape.messages import Array, Odometry
-from grape.mission.ledger import SqliteLedger
 from grape.robots import RobotDescription
 from grape.sim.drivers import SensorOptions
 from grape.sim.drivers.arm import ArmDriverOptions
-from grape.sim.simulation import Simulation, SimulationOptions
-from grape.sim.worlds import VineyardOptions, generate_vineyard
-from grape.world import World
-
-R = TypeVar("R")
+from grape.sim.simulation import SimulationOptions
+from grape.sim.worlds import VineyardOptions, World, generate_vineyard
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,27 +25,7 @@ class Parking:
     beside_m: float = 0.50
 
 
-@dataclass
-class BenchLog:
-    """Keeps what actions tell."""
-
-    events: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
-    pictures: dict[str, Array] = field(default_factory=dict)
-
-    def event(self, kind: str, /, **fields: Any) -> None:
-        """Keep an event."""
-        self.events.append((kind, fields))
-
-    def picture(self, name: str, bgr: Array) -> None:
-        """Keep the last picture of this name."""
-        self.pictures[name] = bgr
-
-    def of(self, kind: str) -> list[dict[str, Any]]:
-        """The events of one kind."""
-        return [fields for name, fields in self.events if name == kind]
-
-
-class ArmBench:
+class ArmBench(RobotBench):
     """One parked robot in one world.
 
     Args:
@@ -75,60 +45,17 @@ class ArmBench:
         arm_errors: float = 1.0,
         dispensers: int = 0,
     ) -> None:
-        self.truth = _parked(world, parking, description)
         sensors = SensorOptions(arm=ArmDriverOptions(errors=arm_errors))
         options = SimulationOptions(dispensers=dispensers, sensors=sensors)
-        self.simulation = Simulation(self.truth, description, seed=world.seed, options=options)
-        self.robot = build_robot(description)
-        self.log = BenchLog()
-        self._folder = TemporaryDirectory()
-        account = Path(self._folder.name) / "ledger.sqlite"
-        self._ledger = SqliteLedger.create(account, [(parking.plant, "auto")], dispensers)
-        self.ctx = Context(
-            clock=self.simulation.clock,
-            world=World(site=self.truth.site),
-            drivers=self.simulation.drivers,
-            robot=self.robot,
-            jobs=InlineJobs(),
-            log=self.log,
-            ledger=self._ledger,
-            rng=np.random.default_rng([world.seed, 7]),
-        )
+        super().__init__(description, _parked(world, parking, description), world.seed, parking.plant, options)
         for name, mount in description.mounts.items():
             self.ctx.world.frames.set_fixed(mount.parent, name, mount.T_parent_sensor)
         self._sense()
-
-    def run(self, action: Generator[Feedback, None, R], limit_s: float = 120.0) -> R:
-        """Beat until an action ends.
-
-        Raises:
-            ActionFailed: it failed, or TIMEOUT: it was stopped after `limit_s` simulated seconds.
-        """
-        end = self.ctx.clock.now() + limit_s
-        while self.ctx.clock.now() < end:
-            try:
-                next(action)
-            except StopIteration as stop:
-                result: R = stop.value
-                return result
-            self.simulation.advance()
-            self._sense()
-        action.close()
-        raise ActionFailed(Reason.TIMEOUT, f"the action took longer than {limit_s} s")
 
     def true_hand(self) -> Array:
         """`T_base_hand` as it really is, whatever the encoders tell."""
         referee = self.simulation.referee
         return inverse(referee.true_pose()) @ referee.true_pose(self.robot.description.arm.tip_frame)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        """Give the graphics memory back, and the account's folder."""
-        self.simulation.close()
-        self._ledger.close()
-        self._folder.cleanup()
 
     def _sense(self) -> None:
         world, drivers = self.ctx.world, self.ctx.drivers
@@ -147,7 +74,7 @@ class ArmBench:
         )
 
 
-def _parked(options: VineyardOptions, parking: Parking, description: RobotDescription) -> Any:
+def _parked(options: VineyardOptions, parking: Parking, description: RobotDescription) -> World:
     """The world with the robot's start beside a plant."""
     world = generate_vineyard(options)
     plant = world.site.plant(parking.plant)

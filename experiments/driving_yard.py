@@ -15,7 +15,7 @@ from grape.navigation.grid import Footprint
 from grape.navigation.path import in_frame_of
 from grape.navigation.route import RouteOptions, parking_pose, row_zones
 
-_ROOM_M = 0.25  # between a robot that is parked after a change of row and the obstacle
+_ROOM_M = 0.27  # between a parked robot and the obstacle: as near as the collision monitor lets it back up
 T_BASE_LASER = make_pose(translation=(0.45, 0.0, 0.20))
 _FIRST, _STEP, _BEAMS = -np.pi, float(np.radians(0.75)), 480
 
@@ -67,13 +67,13 @@ def yard(seed: int) -> Yard:
     obstacle = [obstacle_x, lane_y + side * rng.uniform(0.45, 0.6) * (0.5 * spacing - 0.28), rng.uniform(0.08, 0.15)]
     change = int(rng.integers(0, 2))
     others = np.roll(plants[change, 1 : vines - 2], 1 - int(rng.integers(1, vines - 2)), axis=0)
-    east = np.array([1.0, 0.0])
+    east, west = np.array([1.0, 0.0]), np.array([-1.0, 0.0])
     place = rng.choice(["fore", "aft"], 4)
     goals = (
         Goal(kind="row entry", pose=parking_pose(plants[1, stops[0]], east, place[0])),
         Goal(kind="plant", pose=parking_pose(plants[1, stops[1]], east, place[1])),
-        Goal(kind="obstacle", pose=parking_pose(plants[1, last], east, place[2])),
-        Goal(kind="row change", pose=_clear_of(obstacle, others, place[3])),
+        Goal(kind="obstacle", pose=_clear_of(obstacle, plants[1, last:], east, place[2])),
+        Goal(kind="row change", pose=_clear_of(obstacle, others, west, place[3])),
     )
     start = np.array([rng.uniform(-2.6, -2.0), rng.uniform(-0.5, spacing), rng.uniform(-np.pi, np.pi)])
     turn = float(rng.uniform(-0.3, 0.3))
@@ -90,9 +90,15 @@ def yard(seed: int) -> Yard:
     )
 
 
-def _clear_of(obstacle: Sequence[float], plants: Array, place: Literal["fore", "aft"]) -> Array:
-    """(3,) where to park, facing west, for the first of the plants (n, 2) whose place the obstacle leaves free."""
-    poses = (parking_pose(plant, np.array([-1.0, 0.0]), place) for plant in plants)
+def _clear_of(obstacle: Sequence[float], plants: Array, direction: Array, place: Literal["fore", "aft"]) -> Array:
+    """(3,) where to park for the first of the plants (n, 2) whose place the obstacle leaves room for.
+
+    Args:
+        direction: (2,) that the robot faces.
+        place: at all plants in turn; where there is room at none, the other place.
+    """
+    other: Literal["fore", "aft"] = "aft" if place == "fore" else "fore"
+    poses = (parking_pose(plant, direction, choice) for choice in (place, other) for plant in plants)
     return next(pose for pose in poses if gap_to_circles(pose, np.array([obstacle]), Footprint()) > _ROOM_M)
 
 

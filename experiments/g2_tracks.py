@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grape.experiments.session_laser import FilterWithAmcl, session_scans, vineyard_and_map
 from grape.experiments.skid_steer_log import DATUM, LOCAL_SENSORS, PERIOD_S, SkidSteerLog, skid_steer_sensors
 from grape.geodesy import enu_from_geodetic
 from grape.localization import Cascade, Fusion, FusionOptions, Reading, SensorOptions, components, per_component
@@ -14,6 +15,7 @@ from grape.messages import Array
 
 LOOK_S = 0.1
 CHAIN_S = 0.1
+YAW, CHAINED_YAW_STD = components("yaw"), 0.05  # rad; ten times a second, and smoothed already
 CHI_SQUARE_95 = 5.991  # of two degrees of freedom
 
 
@@ -123,13 +125,25 @@ def by_chained_filters(log: SkidSteerLog) -> Track:
     local = {name: sensors[name] for name in LOCAL_SENSORS}
     chained = SensorOptions(
         components=components("roll", "pitch", "yaw", "vx", "vy", "vz", "wx", "wy", "wz"),
-        std=np.fmax(sensors["wheels"].std, sensors["imu"].std),
+        std=np.where(YAW, CHAINED_YAW_STD, np.fmax(sensors["wheels"].std, sensors["imu"].std)),
         std_per_speed=sensors["wheels"].std_per_speed,
         std_per_turn=per_component(vx=0.05, vy=0.05, vz=0.05),
     )
     below = Fusion(local, FusionOptions(frame_id="odom"))
     above = Fusion({"local": chained, "gnss": sensors["gnss"]}, datum=DATUM)
     return followed(log, above, Cascade(below, above, chain_every_s=CHAIN_S).take, log.readings)
+
+
+def by_filter_and_amcl(log: SkidSteerLog) -> Track:
+    """Wheels, IMU, GNSS and the pose that AMCL finds on a map, in one filter."""
+    both = with_amcl(log)
+    return followed(log, both.fusion, both.take, log.readings)
+
+
+def with_amcl(log: SkidSteerLog) -> FilterWithAmcl:
+    """A filter that has not begun, with the map of the log's vineyard and the scans of the log."""
+    truth, survey = vineyard_and_map(log.seed)
+    return FilterWithAmcl(log, survey, session_scans(log, truth))
 
 
 def followed(
@@ -151,7 +165,7 @@ def followed(
     return Track(stamps=np.array(stamps), said=np.array(said), true=true, covariances=np.array(covariances))
 
 
-ONE_FILTER = "EKF"
+ONE_FILTER, WITH_AMCL = "EKF", "EKF + AMCL"
 WAYS = (
     Way(
         name="wheels only",
@@ -163,4 +177,5 @@ WAYS = (
     Way(name="GNSS only", colour="#7a7a7a", reference="really accurate, but 1 Hz and no heading", track=by_gnss),
     Way(name=ONE_FILTER, colour="#4878a8", reference="very close to GNSS", track=by_one_filter),
     Way(name="EKF cascade", colour="#e08a3c", reference="pretty precise, 0.2 to 0.3 s late", track=by_chained_filters),
+    Way(name=WITH_AMCL, colour="#5a9c5a", reference="jumped between GNSS and AMCL", track=by_filter_and_amcl),
 )

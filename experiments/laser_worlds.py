@@ -31,14 +31,16 @@ class LaserWorld:
 
 
 class Canvas:
-    """Boxes and discs on a grid whose corner is at the origin."""
+    """Boxes and discs on a grid of so many metres, with its lower left corner (m) in map."""
 
-    def __init__(self, width: float, height: float, resolution: float = RESOLUTION) -> None:
+    def __init__(
+        self, width: float, height: float, resolution: float = RESOLUTION, corner: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
         size = {"columns": round(width / resolution), "rows": round(height / resolution)}
-        self.spec = GridSpec(x_min=0.0, y_min=0.0, resolution=resolution, **size)
+        self.spec = GridSpec(x_min=corner[0], y_min=corner[1], resolution=resolution, **size)
         self.occupancy = np.zeros((self.spec.rows, self.spec.columns), np.int8)
-        self._x = (np.arange(self.spec.columns) + 0.5) * resolution
-        self._y = (np.arange(self.spec.rows) + 0.5) * resolution
+        self._x = corner[0] + (np.arange(self.spec.columns) + 0.5) * resolution
+        self._y = corner[1] + (np.arange(self.spec.rows) + 0.5) * resolution
 
     def box(self, x0: float, y0: float, x1: float, y1: float, value: int = 100) -> None:
         """Fill the cells whose middle is in a box (m)."""
@@ -48,8 +50,10 @@ class Canvas:
     def disc(self, x: float, y: float, radius: float) -> None:
         """Fill the cells that a disc touches, one at least."""
         reach = radius + 0.5 * self.spec.resolution
-        near = np.hypot(self._x[None, :] - x, self._y[:, None] - y) < reach
-        self.occupancy[near] = 100
+        rows, columns = np.flatnonzero(np.abs(self._y - y) < reach), np.flatnonzero(np.abs(self._x - x) < reach)
+        near = np.hypot(self._x[columns][None, :] - x, self._y[rows][:, None] - y) < reach
+        block = np.ix_(rows, columns)
+        self.occupancy[block] = np.where(near, 100, self.occupancy[block])
 
     def grid(self) -> OccupancyGrid:
         """What was drawn."""

@@ -62,6 +62,7 @@ class SkidSteerLog:
     antenna: Array
     readings: tuple[Reading, ...]
     noise: SkidSteerNoise
+    seed: int
 
     def index(self, stamp: float) -> int:
         """Which of the stamps is nearest."""
@@ -81,7 +82,8 @@ def skid_steer_sensors() -> dict[str, SensorOptions]:
         "imu": SensorOptions(
             components=components("roll", "pitch", "yaw", "wx", "wy", "wz"),
             mount=Mount(T_base_sensor=T_BASE_IMU),
-            std=per_component(roll=0.01, pitch=0.01, yaw=0.05, wx=0.01, wy=0.01, wz=0.01),
+            std=per_component(roll=0.01, pitch=0.01, yaw=0.5, wx=0.01, wy=0.01, wz=0.01),
+            still_bias=components("wx", "wy", "wz"),
         ),
         "gnss": SensorOptions(
             components=components("x", "y", "z"),
@@ -128,7 +130,7 @@ def simulate_skid_steer(seed: int, duration_s: float, noise: SkidSteerNoise | No
     arrivals.sort(key=lambda item: item[0])
     readings = tuple(reading for _, reading in arrivals)
     poses = np.column_stack([places[:, :2], yaw])
-    return SkidSteerLog(stamps=stamps, poses=poses, antenna=antenna, readings=readings, noise=noise)
+    return SkidSteerLog(stamps=stamps, poses=poses, antenna=antenna, readings=readings, noise=noise, seed=seed)
 
 
 def on_slope(yaw: Array) -> Array:

@@ -16,6 +16,7 @@ from grape.sim.checkpoint import Checkpoint
 from grape.sim.compose import BASE_JOINT, DISPENSER, compose, compose_seen
 from grape.sim.drivers import SensorOptions, connect
 from grape.sim.faults import Fault, apply_fault, fault_record, repeat_fault
+from grape.sim.mud import Mud
 from grape.sim.physics import STEPS_PER_SECOND, Physics, SimulatedClock
 from grape.sim.raycast import MovingRays, Raycaster
 from grape.sim.referee import Referee
@@ -54,6 +55,7 @@ class Simulation:
         self.world = world
         self.robot = robot
         self._physics = Physics(compose(world, robot, self.options.dispensers, self.options.stock))
+        self._mud = Mud(self._physics, world.terrain, robot)
         self._walkers = Walkers(world.walkers, world.terrain)
         self._place()
         sensors = self.options.sensors
@@ -89,8 +91,7 @@ class Simulation:
             DriverError: the physics has diverged; the mission must end.
         """
         for _ in range(steps):
-            self._drivers.actuate()
-            self._physics.step()
+            self._step()
             self._walk()
             self.referee.watch()
             self._drivers.sample(self._physics.clock.step)
@@ -179,6 +180,11 @@ class Simulation:
         physics.rearranged()
         mujoco.mj_forward(physics.model, physics.data)
 
+    def _step(self) -> None:
+        self._drivers.actuate()
+        self._mud.act()
+        self._physics.step()
+
     def _walk(self) -> None:
         """Put every walker where it is at the clock's time."""
         if not self._walkers.ids:
@@ -190,8 +196,7 @@ class Simulation:
     def _settle(self) -> None:
         """Let wheels sink in and loops come to rest, then start the clock at 0."""
         for _ in range(round(self.options.settle_s * STEPS_PER_SECOND)):
-            self._drivers.actuate()
-            self._physics.step()
+            self._step()
         self._physics.clock.step = 0
         self._physics.data.time = 0.0
         self._physics.rearranged()

@@ -156,7 +156,7 @@ def test_python_on_a_page_runs(page: str, desk: Path, capsys: pytest.CaptureFixt
         "proving_figures.md": "arm states without a collision",
         "deployment_points.md": "9 mm, score 1.00",
         "filter.md": "x 1.0 1 refused",
-        "maps_and_localisation.md": "off by less than 0.1 m: True share True",
+        "maps_and_localisation.md": "off by less than 0.1 m: True share True\nwho is out: [] None",
         "driving.md": "at the goal",
     }[page]
     assert expected in capsys.readouterr().out

@@ -2,6 +2,7 @@
 Carlo localisation on a known map."""
 
 from grape.localization.amcl import Amcl, AmclEstimate, AmclOptions
+from grape.localization.amcl_input import AmclInput, AmclInputOptions
 from grape.localization.beginning import FusionOptions
 from grape.localization.cascade import Cascade, Transform
 from grape.localization.discord import (
@@ -28,6 +29,7 @@ from grape.localization.measurements import (
 )
 from grape.localization.motion import OdometryNoise
 from grape.localization.readings import Reading, reading_of_components, reading_of_message
+from grape.localization.refusals import Discord
 from grape.localization.sensor_options import SensorOptions, per_component
 from grape.localization.sensors import Sensor, skid_steer_rates
 from grape.localization.state import STATE, Belief, Correction, Measurement, Mount, Verdict, components
@@ -38,10 +40,13 @@ __all__ = [
     "Agreement",
     "Amcl",
     "AmclEstimate",
+    "AmclInput",
+    "AmclInputOptions",
     "AmclOptions",
     "Belief",
     "Cascade",
     "Correction",
+    "Discord",
     "DiscordOptions",
     "DiscordWatch",
     "Ekf",

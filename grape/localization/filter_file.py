@@ -24,6 +24,7 @@ from grape.localization.state import GRAVITY, STATE, Mount, components
 from grape.messages import Array
 
 Component = Literal["x", "y", "z", "roll", "pitch", "yaw", "vx", "vy", "vz", "wx", "wy", "wz", "ax", "ay", "az"]
+Rate = Literal["wx", "wy", "wz", "ax", "ay", "az"]
 Vector = tuple[float, float, float]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -63,6 +64,8 @@ class SensorFile(Model):
     delay_s: NotNegative = 0.0
     still_below: NotNegative = 0.0
     still_std: Positive = 0.002
+    still_bias: tuple[Rate, ...] = ()
+    still_bias_s: Positive = 300.0
     relocate_after: Annotated[int, Field(ge=0)] = 0
     effective_track: Positive | None = None
 
@@ -85,6 +88,8 @@ class SensorFile(Model):
             delay_s=self.delay_s,
             still_below=self.still_below,
             still_std=self.still_std,
+            still_bias=components(*self.still_bias),
+            still_bias_s=self.still_bias_s,
             relocate_after=self.relocate_after,
         )
 

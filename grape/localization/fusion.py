@@ -14,9 +14,11 @@ from grape.geometry import inverse, pose, transform
 from grape.localization.beginning import FusionOptions, begun
 from grape.localization.ekf import Ekf
 from grape.localization.readings import Reading
+from grape.localization.refusals import Discord, Refusals
 from grape.localization.sensor_options import SensorOptions
 from grape.localization.sensors import Sensor
 from grape.localization.state import STATE, Belief, Correction, Measurement, Verdict
+from grape.localization.still_bias import Standing, StillBias
 from grape.messages import Array, Odometry
 
 INVALID = "invalid"
@@ -57,6 +59,13 @@ class Fusion:
         self._last: dict[str, float] = {}
         self._first: dict[tuple[str, int], Measurement] = {}
         self._refused_in_time = 0
+        self._standing = Standing()
+        self._biases = {
+            name: StillBias(np.array(o.still_bias), o.still_bias_s)
+            for name, o in self._options.items()
+            if any(o.still_bias)
+        }
+        self._refusals = Refusals()
         self._refused_poses: Counter[str] = Counter()
         self._relocations: Counter[str] = Counter()
 
@@ -84,6 +93,16 @@ class Fusion:
     def stamp(self) -> float:
         """Time of the newest thing that was fused, s."""
         return self._running().belief.stamp
+
+    @property
+    def discords(self) -> tuple[Discord, ...]:
+        """Sources of poses that say otherwise than the estimate, again and again, up to their newest word."""
+        return self._refusals.discords
+
+    def bias(self, sensor: str) -> Array:
+        """(15,) what is taken off the readings of a sensor, learnt while the base stood; zero without `still_bias`."""
+        self._known(sensor)
+        return self._biases[sensor].bias.copy() if sensor in self._biases else np.zeros(15)
 
     def knows(self, sensor: str) -> bool:
         """Whether it has a sensor of that name."""
@@ -119,6 +138,15 @@ class Fusion:
             return (*self._process(held), *self._process(reading))
         self._count(held.sensor, Verdict.TOO_NEW)
         return self._process(reading)
+
+    def correct(self, measurement: Measurement) -> Correction:
+        """Fuse what is no reading of a sensor of its own, such as AMCL's pose; it counts under its source.
+
+        Raises:
+            InvalidInput: there is no estimate yet.
+        """
+        self._running()
+        return self._correct(measurement)
 
     def leaps(self, stamp: float) -> bool:
         """Whether a stamp is so far ahead of all that was fused that it needs the next reading to agree."""
@@ -193,12 +221,17 @@ class Fusion:
         if self._ekf is None:
             self._begin(measurements)
             return ()
-        return tuple(self._correct(sensor, m) for m in measurements)
+        if sensor.options.still_below > 0:
+            self._standing.told(reading.stamp, sensor.stands)
+        if sensor.name in self._biases:
+            standing = self.belief() if self._standing.at(reading.stamp) else None
+            measurements = self._biases[sensor.name].taken_off(measurements, standing)
+        return tuple(self._correct(m, sensor.options.relocate_after) for m in measurements)
 
-    def _correct(self, sensor: Sensor, measurement: Measurement) -> Correction:
-        correction = self._running().correct(measurement)
+    def _correct(self, measurement: Measurement, relocate_after: int = 0) -> Correction:
+        correction, source = self._running().correct(measurement), measurement.source
         verdict = correction.verdict
-        self._count(sensor.name, verdict)
+        self._count(source, verdict)
         if verdict in (Verdict.TOO_OLD, Verdict.TOO_NEW):
             self._refused_in_time += 1
             if self._refused_in_time >= self.options.restart_after:
@@ -208,22 +241,24 @@ class Fusion:
             return correction
         self._refused_in_time = 0
         self._newest = max(self._newest, measurement.stamp)
-        self._last[sensor.name] = max(self._last.get(sensor.name, -np.inf), measurement.stamp)
+        self._last[source] = max(self._last.get(source, -np.inf), measurement.stamp)
         if measurement.index[0] < 6:
-            self._watch_poses(sensor, measurement, verdict)
+            self._refusals.note(source, measurement.stamp, correction.distance, refused=not correction.accepted)
+            self._watch_poses(measurement, verdict, relocate_after)
         return correction
 
-    def _watch_poses(self, sensor: Sensor, measurement: Measurement, verdict: Verdict) -> None:
-        """Give the position up, further each time, when a sensor keeps seeing the robot elsewhere."""
+    def _watch_poses(self, measurement: Measurement, verdict: Verdict, relocate_after: int) -> None:
+        """Give the position up, further each time, when a source keeps seeing the robot elsewhere."""
+        source = measurement.source
         if verdict is Verdict.ACCEPTED:
-            self._refused_poses[sensor.name] = self._relocations[sensor.name] = 0
+            self._refused_poses[source] = self._relocations[source] = 0
             return
-        self._refused_poses[sensor.name] += 1
-        if not 0 < sensor.options.relocate_after <= self._refused_poses[sensor.name]:
+        self._refused_poses[source] += 1
+        if not 0 < relocate_after <= self._refused_poses[source]:
             return
-        self._refused_poses[sensor.name] = 0
-        factor = 4.0 ** self._relocations[sensor.name]
-        self._relocations[sensor.name] = min(self._relocations[sensor.name] + 1, 10)
+        self._refused_poses[source] = 0
+        factor = 4.0 ** self._relocations[source]
+        self._relocations[source] = min(self._relocations[source] + 1, 10)
         ekf, index = self._running(), measurement.index
         if (index < 3).any():
             ekf.widen(np.arange(3), factor)

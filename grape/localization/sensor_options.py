@@ -9,10 +9,11 @@ from math import inf, isfinite
 import numpy as np
 
 from grape.errors import InvalidInput
-from grape.localization.state import STATE, Mount
+from grape.localization.state import STATE, Mount, components
 from grape.messages import Array, frozen_array
 
 UNKNOWN = np.nan
+NOTHING = components()
 FLOAT_FACTOR = 3.0  # errors without an integer fix stay for many readings
 
 
@@ -46,6 +47,9 @@ class SensorOptions:
         delay_s: how long before its stamp the sensor really measured.
         still_below: m/s and rad/s; when all velocities and rates of a reading are less, the base stands and all six
             are taken as zero with `still_std`; 0 is never.
+        still_bias: flags of the rates and accelerations whose bias is learnt while the base stands, as some sensor with
+            `still_below` says, and taken off from then on.
+        still_bias_s: s of standing after which an old bias counts little.
         relocate_after: after so many refused poses in a row the filter gives up its position; 0 is never.
     """
 
@@ -65,6 +69,8 @@ class SensorOptions:
     delay_s: float = 0.0
     still_below: float = 0.0
     still_std: float = 0.002
+    still_bias: tuple[bool, ...] = NOTHING
+    still_bias_s: float = 300.0
     relocate_after: int = 0
 
     def __post_init__(self) -> None:
@@ -83,5 +89,10 @@ class SensorOptions:
             raise InvalidInput("differential and relative exclude each other")
         if self.still_below > 0 and not any(self.components[6:9]):
             raise InvalidInput("still_below needs vx, vy or vz among the components: rates alone tell no standing")
+        if len(self.still_bias) != len(STATE) or any(self.still_bias[:9]) or not self.still_bias_s > 0:
+            raise InvalidInput(
+                "still_bias must be flags of rates and accelerations, and still_bias_s positive, got "
+                f"{self.still_bias} and {self.still_bias_s}"
+            )
         if not (isfinite(self.delay_s) and self.delay_s >= 0):
             raise InvalidInput(f"delay_s must be finite and not negative, got {self.delay_s}")

@@ -58,6 +58,7 @@ class Sensor:
         self._grows = bool(self._per_speed.any() or self._per_turn.any())
         self._floor = options.least_std**2
         self._has_floor = bool(np.isfinite(self._floor).any())
+        self.stands = False  # by its last reading
         self.geodetic = False  # whether it has given latitudes and longitudes
         self._first: Array | None = None
         self._previous: tuple[float, Array, Array] | None = None
@@ -79,7 +80,8 @@ class Sensor:
         values, given = reading.values.copy(), reading.given.copy()
         if reading.geodetic is not None:
             values[:3], self.geodetic = self._placed(reading.geodetic), True
-        if self._is_still(values, given):
+        self.stands = self._is_still(values, given)
+        if self.stands:
             return [self._stands(reading.stamp - self.options.delay_s)]
         (variance, correlated), stamp = self._noise(reading, values), reading.stamp - self.options.delay_s
         if self.options.differential and given[POSE].any():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
@@ -59,12 +59,18 @@ class Plate:
 
 @dataclass(frozen=True, kw_only=True)
 class Terrain:
-    """Heights on a regular grid: `heights[i, j]` is z at y = y0 + i * step_y and x = x0 + j * step_x (m, map frame)."""
+    """Heights on a regular grid: `heights[i, j]` is z at y = y0 + i * step_y and x = x0 + j * step_x (m, map frame).
+
+    Attributes:
+        mud: (n, 3) x, y, radius (m, map frame) of patches where wheels have only `mud_friction`.
+    """
 
     heights: Array  # (rows along y, columns along x)
     x_range: tuple[float, float]
     y_range: tuple[float, float]
     slope: float
+    mud: Array = field(default_factory=lambda: np.empty((0, 3)))
+    mud_friction: float = 1.0
 
     @property
     def xs(self) -> Array:
@@ -75,6 +81,12 @@ class Terrain:
     def ys(self) -> Array:
         """y of the rows."""
         return np.linspace(*self.y_range, self.heights.shape[0])
+
+    def muddy(self, xy: Array) -> Array:
+        """Whether points (..., 2) lie in a patch of mud: (...,) bool."""
+        apart = np.asarray(xy, dtype=float)[..., None, :] - self.mud[:, :2]
+        inside: Array = (np.square(apart).sum(axis=-1) < np.square(self.mud[:, 2])).any(axis=-1)
+        return inside
 
     def height(self, xy: Array) -> Array:
         """z (...,) of the ground at points (..., 2), bilinear; outside the grid the nearest edge."""

@@ -73,6 +73,9 @@ class VineyardOptions:
     roughness_rms: Annotated[float, _number(0.0, 0.1)] = 0.015
     roughness_correlation: Annotated[float, _number(0.15, 5.0)] = 0.3  # distance at which correlation is 1/e
     terrain_resolution: Annotated[float, _number(0.04, 0.5)] = 0.1
+    mud: Annotated[int, Field(ge=0, le=500)] = 0  # patches anywhere; those at the start are left out
+    mud_radius: Annotated[float, _number(0.2, 5.0)] = 0.8  # in the mean; each patch has 0.6 to 1.4 times that
+    mud_friction: Annotated[float, _number(0.01, 0.7)] = 0.12  # of wheels in it; on dry ground the robot's own
     weeds: Annotated[float, _number(0.0, 5.0)] = 0.6  # clumps per metre of row
     post_spacing: Annotated[float, _number(1.0, 20.0)] = 4.6  # rounded to whole vine spacings
     post_height: Annotated[float, _number(1.3, 2.5)] = 1.7

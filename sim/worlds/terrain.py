@@ -1,6 +1,8 @@
-"""The ground: a slope, correlated roughness, and a smooth patch where the robot starts; and the sun."""
+"""The ground: a slope, correlated roughness, a smooth patch where the robot starts, and mud; and the sun."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -48,6 +50,20 @@ def make_terrain(site: Site, options: VineyardOptions, rng: np.random.Generator)
         y_range=(float(low[1]), float(high[1])),
         slope=options.slope,
     )
+
+
+def add_mud(terrain: Terrain, site: Site, options: VineyardOptions, rng: np.random.Generator) -> Terrain:
+    """The ground with round patches of mud, even over it; those that come nearer than 1.2 m to the start are left out.
+
+    Heights stay those of the dry ground: a patch changes nothing but the friction of the wheels in it.
+    """
+    low, high = (np.array(ends) for ends in zip(terrain.x_range, terrain.y_range, strict=True))
+    places = rng.uniform(low, high, (options.mud, 2))
+    radii = options.mud_radius * rng.uniform(0.6, 1.4, options.mud)
+    clear = np.hypot(*(places - site.start).T) > radii + SMOOTH_RADIUS_M
+    mud = np.column_stack([places, radii])[clear]
+    mud.flags.writeable = False
+    return replace(terrain, mud=mud, mud_friction=options.mud_friction)
 
 
 # azimuth and elevation (deg), diffuse and ambient colour, sky at the zenith and at the horizon

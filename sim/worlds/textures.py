@@ -12,6 +12,7 @@ CELL_PX = 32  # a marker has 6 cells; the margin is 1.5 cells, so both are whole
 GROUND_PX = 768
 SOIL = np.array([0.47, 0.37, 0.26])
 GRASS = np.array([0.34, 0.41, 0.19])
+MUD = np.array([0.23, 0.17, 0.12])
 
 
 def marker_picture(id: int) -> Array:
@@ -27,7 +28,7 @@ def marker_picture(id: int) -> Array:
 
 
 def ground_picture(site: Site, terrain: Terrain, rng: np.random.Generator) -> Array:
-    """(n, n, 3) uint8 seen from above, x right and y down: bare soil under the rows, grass in the aisles."""
+    """(n, n, 3) uint8 seen from above, x right and y down: bare soil under the rows, grass in the aisles, dark mud."""
     from scipy.ndimage import gaussian_filter
 
     x = np.linspace(terrain.x_range[0], terrain.x_range[1], GROUND_PX)
@@ -43,6 +44,8 @@ def ground_picture(site: Site, terrain: Terrain, rng: np.random.Generator) -> Ar
     fine /= fine.std()
     green = np.clip((distance - 0.45) / 0.35 + 0.5 * coarse, 0.0, 0.9)[..., None]
     color = (1.0 - green) * SOIL + green * GRASS
+    for x0, y0, radius in terrain.mud:
+        color[np.hypot(X - x0, Y - y0) < radius] = MUD
     color = color * (1.0 + 0.05 * coarse + 0.09 * fine)[..., None]
     return (np.clip(color, 0.0, 1.0) * 255.0).astype(np.uint8)
 

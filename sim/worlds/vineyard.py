@@ -13,7 +13,7 @@ from grape.sim.worlds.growth import Growth
 from grape.sim.worlds.model import Capsule, NailTruth, Plate, SpurTruth, Terrain, World
 from grape.sim.worlds.options import FIRST_MARKER_ID, VineyardOptions, post_stations
 from grape.sim.worlds.structures import NAIL_REACH, make_nail, make_post, make_weeds, make_wires
-from grape.sim.worlds.terrain import make_sun, make_terrain
+from grape.sim.worlds.terrain import add_mud, make_sun, make_terrain
 from grape.sim.worlds.vines import cordon_height, grow_cordon, grow_gobelet
 from grape.site import Area, Plant, RefillPoint, Row, Side, Site
 
@@ -99,8 +99,8 @@ def grow_world(site: Site, options: VineyardOptions) -> World:
         site: from `vineyard_site`, or surveyed by a user; its rows, plants and datum win over those of the options.
         options: style, terrain, posts, weeds, sun and seed.
     """
-    ground, plants, green = np.random.default_rng(options.seed).spawn(3)
-    terrain = make_terrain(site, options, ground)
+    ground, plants, green, wet = np.random.default_rng(options.seed).spawn(4)
+    terrain = add_mud(make_terrain(site, options, ground), site, options, wet)
     capsules: list[Capsule] = []
     plates: list[Plate] = []
     spurs: list[SpurTruth] = []

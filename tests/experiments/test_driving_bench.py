@@ -19,6 +19,7 @@ from grape.experiments.g5_local_planners import turn_crosses_fence
 from grape.navigation.costmap import PolygonLayer, layered_costmap
 from grape.navigation.follower import Phase
 from grape.navigation.grid import LETHAL, Footprint
+from grape.navigation.monitor import speed_factor
 from grape.navigation.planner import plan_path
 from grape.navigation.teb import Teb
 
@@ -34,6 +35,19 @@ def test_every_seed_has_its_own_yard_with_goals_that_can_be_reached():
         for pose in (place.start, *(goal.pose for goal in place.goals)):
             assert gap_to_circles(pose, place.circles, Footprint()) > 0.05
             assert not in_fence(pose, place.fences, Footprint())
+
+
+@pytest.mark.parametrize("seed", [53, 87, 94, 516])  # where the plant after the obstacle is too near to it
+def test_no_goal_is_so_near_to_the_obstacle_that_the_collision_monitor_stops_short_of_it(seed):
+    place = yard(seed)
+    obstacle = place.circles[-1]
+    for goal in place.goals:
+        assert gap_to_circles(goal.pose, obstacle[None], Footprint()) > 0.25
+        c, s = np.cos(goal.pose[2]), np.sin(goal.pose[2])
+        x, y = np.array([[c, s], [-s, c]]) @ (obstacle[:2] - goal.pose[:2])
+        around = np.array([x, y]) + obstacle[2] * np.array([[np.cos(a), np.sin(a)] for a in np.linspace(0, 6.2, 60)])
+        for creep in (0.05, -0.05):
+            assert speed_factor(creep, 0.0, around) > 0.0
 
 
 @pytest.mark.parametrize("x, y, gap", [(0.8, 0.0, 0.2), (0.0, 0.7, 0.3), (0.9, 0.6, 0.4), (0.2, 0.1, -0.1)])

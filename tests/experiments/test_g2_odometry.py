@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from grape.experiments import g2_odometry
+from grape.experiments import g2_discord, g2_odometry
 from grape.experiments.filter_consistency import LOOKS, nees
 from grape.experiments.g2_odometry import EXPERIMENT
 from grape.experiments.g2_tracks import WAYS, Track, at_its_fixes, by_gnss, by_one_filter, by_wheels
@@ -106,6 +106,8 @@ def test_sessions_give_quantities_and_a_page_and_go_on(tmp_path: Path, monkeypat
         ("NEES_RUNS", 2),
     ):
         monkeypatch.setattr(g2_odometry, name, value)
+    for name, value in (("ALIAS_S", 14.0), ("HELD_S", (24.0, 29.0)), ("WATCHED_S", 6.0)):
+        monkeypatch.setattr(g2_discord, name, value)
     proof = EXPERIMENT.run(range(1, 2), tmp_path, lambda share, what: None)
     figures = {quantity.name: quantity for quantity in proof.quantities}
     assert {f"{way.name}: RMSE" for way in WAYS} <= set(figures)
@@ -113,6 +115,9 @@ def test_sessions_give_quantities_and_a_page_and_go_on(tmp_path: Path, monkeypat
     assert figures["EKF: moved by a jump of 0.5 m, at most"].met
     kept = json.loads((tmp_path / "session1.json").read_text())
     assert len(kept["moved"]) == len(kept["off"]) == 2 and max(kept["outages"]) > 0.02
+    for key in ("alias", "held"):
+        assert kept["discord"][key]["off"] < 0.1 and 0.5 < kept["discord"][key]["told_after"] < 5.0
+    assert figures["EKF + AMCL, AMCL one vine off: discord told"].value == 1.0
     assert all(figure.svg.startswith("<svg") for figure in proof.figures)
     (tmp_path / "session1.json").write_text(json.dumps({**kept, "moved": [0.2, 0.01]}))
     again = {q.name: q.value for q in EXPERIMENT.run(range(1, 2), tmp_path, lambda share, what: None).quantities}

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from grape.errors import FileError, GrapeError
+from grape.localization import components
 from grape.localization.filter_command import filter_command
 from grape.localization.filter_file import load_filter
 from grape.localization.filter_log import FilterLog
@@ -144,6 +145,16 @@ def test_wrong_configurations_are_refused(files, change, place, text):
     with pytest.raises(FileError, match=text) as refused:
         load_filter(config)
     assert refused.value.problems[0].line == place
+
+
+def test_biases_that_are_learnt_are_named_in_the_configuration(files):
+    text = CONFIG.replace(
+        "effective_track: 1.0", "effective_track: 1.0, still_below: 0.01, still_bias: [wz], still_bias_s: 9"
+    )
+    wheels = load_filter(files(config=text)[1]).file.sensors["wheels"].options()
+    assert (wheels.still_bias, wheels.still_bias_s) == (components("wz"), 9.0)
+    with pytest.raises(FileError, match="still_bias"):
+        load_filter(files(config=text.replace("[wz]", "[vx]"))[1])
 
 
 def test_chained_cascade_is_built_of_the_local_estimate(files):
