@@ -20,7 +20,7 @@ from grape.perception.sweep import Sweep, assemble
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.sim.compose import BASE_JOINT, compose_seen
 from grape.sim.drivers.camera import CameraOptions, SimulatedCamera
-from grape.sim.drivers.lidar import TIM561, Cast, SimulatedScanner
+from grape.sim.drivers.lidar import TIM561, SimulatedScanner
 from grape.sim.physics import STEPS_PER_SECOND, Physics, Replica
 from grape.sim.raycast import Raycaster
 from grape.sim.worlds import VineyardOptions, World, generate_vineyard
@@ -146,10 +146,12 @@ class _Sensors:
 
     def __init__(self, world: World, seed: int) -> None:
         self._physics = Physics(compose_seen(world, DESCRIPTION, 0))
-        self.cast: Cast = Raycaster(world).cast
+        self.cast = cast = Raycaster(world).cast
         options = CameraOptions(latency_s=0.0)
         self._camera = SimulatedCamera(self._physics, lambda: self._physics.model, seed, options)
-        self._lidar = SimulatedScanner(self._physics, Replica(self._physics.model), self.cast, seed, TIM561)
+        self._lidar = SimulatedScanner(
+            self._physics, Replica(self._physics.model), lambda origins, rays, _: cast(origins, rays), seed, TIM561
+        )
         self.scans: list[LaserScan] = []
         self.images: list[tuple[RgbdImage, int]] = []  # with the index of the hand pose
         self.T_base_hand: list[Array] = []

@@ -7,6 +7,8 @@ from grape.robots.description import (
     GripperDescription,
     Mount,
     RobotDescription,
+    SafetyZone,
+    driving_zones,
 )
 
 __all__ = [
@@ -16,4 +18,6 @@ __all__ = [
     "GripperDescription",
     "Mount",
     "RobotDescription",
+    "SafetyZone",
+    "driving_zones",
 ]

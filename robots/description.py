@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
@@ -39,6 +40,34 @@ class Mount(_Frozen):
 
 
 @dataclass(frozen=True, kw_only=True)
+class SafetyZone(_Frozen):
+    """An area around the base in which whatever a scanner sees slows the base down, or stops it.
+
+    It counts for the motions it names: `forward` and `backward`, also in bends, and `turn` in place.
+    """
+
+    name: str
+    polygon: Array  # (n, 2) m in base_link
+    motions: tuple[Literal["forward", "backward", "turn"], ...]
+    speed: float = 0.0  # m/s that is allowed, of the outermost corner when turning; 0 stops
+
+
+def driving_zones(footprint: Array) -> tuple[SafetyZone, ...]:
+    """Stop zones of 0.12 m and slow zones of 0.50 m before and behind a base, as broad as its `footprint` (n, 2) m."""
+    (rear, right), (front, left) = np.min(footprint, axis=0), np.max(footprint, axis=0)
+
+    def strip(near: float, far: float) -> Array:
+        return np.array([[near, right], [far, right], [far, left], [near, left]])
+
+    return (
+        SafetyZone(name="stop ahead", polygon=strip(front, front + 0.12), motions=("forward",)),
+        SafetyZone(name="slow ahead", polygon=strip(front, front + 0.50), motions=("forward",), speed=0.3),
+        SafetyZone(name="stop behind", polygon=strip(rear, rear - 0.12), motions=("backward",)),
+        SafetyZone(name="slow behind", polygon=strip(rear, rear - 0.50), motions=("backward",), speed=0.2),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
 class BaseDescription(_Frozen):
     """A four-wheeled skid-steer base.
 
@@ -61,6 +90,7 @@ class BaseDescription(_Frozen):
     footprint: Array  # (4, 2) m in base_link, counter-clockwise
     command_timeout: float  # s
     ticks_per_metre: float  # of the wheel encoders, along the ground
+    zones: tuple[SafetyZone, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

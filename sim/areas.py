@@ -53,3 +53,33 @@ def passes_through(loop: Array, start: Array, end: Array) -> bool:
     v = (np.cross(a, hit) * normal).sum(axis=1) / area
     inside = (np.abs(along) >= 1e-12) & (t >= 0) & (t <= 1) & (u >= 0) & (v >= 0) & (u + v <= 1)
     return bool(np.count_nonzero(inside) % 2)
+
+
+def distance_to_rods(polygon: Array, ends: Array, radii: Array) -> float:
+    """Distance (m) from a simple polygon (n, 2) to the nearest of rods that are seen from above; 0 where they touch.
+
+    Args:
+        ends: (rods, 2, 2) m.
+        radii: (rods,) m.
+    """
+    least = np.inf
+    for (p0, p1), radius in zip(ends, radii, strict=True):
+        if contains(polygon, p0) or _edges_cross(polygon, np.stack([p0, p1])):
+            return 0.0
+        nearest = min(_to_edges(polygon, p0).min(), _to_edges(polygon, p1).min(), _to_segment(polygon, p0, p1).min())
+        least = min(least, float(nearest) - radius)
+    return max(0.0, least)
+
+
+def _to_edges(polygon: Array, point: Array) -> Array:
+    """Distances (n,) of a point (2,) to the edges of a polygon."""
+    edge, offset = np.roll(polygon, -1, axis=0) - polygon, point - polygon
+    along = np.clip((offset * edge).sum(axis=1) / np.maximum((edge**2).sum(axis=1), 1e-18), 0.0, 1.0)
+    return np.hypot(*(offset - along[:, None] * edge).T)
+
+
+def _to_segment(points: Array, p0: Array, p1: Array) -> Array:
+    """Distances (n,) of points (n, 2) to the segment from `p0` to `p1` (2,)."""
+    edge, offset = p1 - p0, points - p0
+    along = np.clip(offset @ edge / max(float(edge @ edge), 1e-18), 0.0, 1.0)
+    return np.hypot(*(offset - along[:, None] * edge).T)

@@ -16,12 +16,15 @@ from grape.sim.dispenser import dispenser_elements
 from grape.sim.physics import STEP_S
 from grape.sim.render import MAX_HEIGHT, MAX_WIDTH
 from grape.sim.stock import store
-from grape.sim.worlds import Terrain, World, world_spec
+from grape.sim.worlds import Terrain, WalkerOptions, World, world_spec
+from grape.sim.worlds.export import WORLD_CONAFFINITY, WORLD_CONTYPE
+from grape.sim.worlds.walkers import BODIES
 
 WORLD_PREFIX = "world/"
 BASE_BODY = "base_link"
 BASE_JOINT = "base"
 DISPENSER = "dispenser_"
+WALKER_PREFIX = "walker/"
 SEEN_TERRAIN_STEP = 3  # the camera sees every third height of the terrain: a quarter of a frame's time
 
 
@@ -41,6 +44,8 @@ def compose(world: World, robot: RobotDescription, dispensers: int, stock: int =
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Attaching a child without asset dict")
         spec.attach(surroundings, prefix=WORLD_PREFIX, frame=spec.worldbody.add_frame())
+        for walker in world.walkers:
+            _add_walker(spec, walker)
         _set_options(spec)
         return spec.compile()
 
@@ -50,6 +55,20 @@ def compose_seen(world: World, robot: RobotDescription, dispensers: int, stock: 
     model = compose(replace(world, terrain=_coarser(world.terrain, SEEN_TERRAIN_STEP)), robot, dispensers, stock)
     model.opt.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)  # a sleeping loop's pose is not updated
     return model
+
+
+def _add_walker(spec: mujoco.MjSpec, walker: WalkerOptions) -> None:
+    """A body that nothing can push; the simulation puts it where its walker is."""
+    body = spec.worldbody.add_body(name=WALKER_PREFIX + walker.id, mocap=True)
+    for rod in BODIES[walker.kind]:
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+            size=[rod.radius, 0.0, 0.0],
+            fromto=[*rod.p0, *rod.p1],
+            rgba=rod.rgba,
+            contype=WORLD_CONTYPE,
+            conaffinity=WORLD_CONAFFINITY,
+        )
 
 
 def _coarser(terrain: Terrain, step: int) -> Terrain:

@@ -30,7 +30,7 @@ class ContactCulling:
         self._model = model
         self._contype, self._conaffinity = model.body_contype.copy(), model.body_conaffinity.copy()
         touchable = (self._contype != 0) | (self._conaffinity != 0)
-        fixed = model.body_weldid == 0
+        fixed = (model.body_weldid == 0) & (model.body_mocapid < 0)
         unbounded = _bodies_with(model, mujoco.mjtGeom.mjGEOM_PLANE)
         ground = _bodies_with(model, mujoco.mjtGeom.mjGEOM_HFIELD)
         self._ground = int(ground[0]) if len(ground) == 1 and fixed[ground[0]] else -1

@@ -10,7 +10,7 @@ import numpy as np
 
 from grape.messages import Array
 from grape.robots import RobotDescription
-from grape.sim.compose import BASE_BODY, DISPENSER, WORLD_PREFIX
+from grape.sim.compose import BASE_BODY, DISPENSER, WALKER_PREFIX, WORLD_PREFIX
 from grape.sim.worlds.model import Capsule, Label, Plate, World
 
 
@@ -26,6 +26,7 @@ class Part(IntEnum):
     FINGER = 6
     NAIL = 7  # nails on the fingers
     DISPENSER = 8
+    WALKER = 9  # people and animals
 
 
 # Pairs that must not touch. Nails and fingers may touch plants gently when they place a loop: only nails are excepted.
@@ -47,6 +48,11 @@ _FORBIDDEN = (
     (Part.NAIL, Part.BODY),
     (Part.NAIL, Part.WHEEL),
     (Part.NAIL, Part.ARM),
+    (Part.BODY, Part.WALKER),
+    (Part.WHEEL, Part.WALKER),
+    (Part.ARM, Part.WALKER),
+    (Part.FINGER, Part.WALKER),
+    (Part.NAIL, Part.WALKER),
 )
 _SOFT = (Label.WEED,)
 
@@ -104,7 +110,8 @@ class PartTable:
 
     def pair_names(self, first: int, second: int) -> tuple[str, str]:
         """The names of two geoms, the robot's own before the world's."""
-        a, b = sorted((first, second), key=lambda geom: (self.kinds[geom] in (Part.GROUND, Part.PLANT), geom))
+        others = (Part.GROUND, Part.PLANT, Part.WALKER)
+        a, b = sorted((first, second), key=lambda geom: (self.kinds[geom] in others, geom))
         return self.names[a], self.names[b]
 
 
@@ -120,6 +127,8 @@ def _body_chains(model: mujoco.MjModel) -> list[list[str]]:
 def _kind(chain: list[str], name: str, label: int, robot: RobotDescription) -> Part:
     if any(body.startswith(DISPENSER) for body in chain):
         return Part.DISPENSER
+    if chain[0].startswith(WALKER_PREFIX):
+        return Part.WALKER
     if BASE_BODY not in chain:
         if label in _SOFT:
             return Part.NOTHING

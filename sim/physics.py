@@ -61,6 +61,13 @@ class Physics:
         mujoco.mj_step(self.model, self.data)
         self.clock.step += 1
 
+    def snapshot(self) -> Array:
+        """What a `Replica` needs to show the present state: joints, and the poses of bodies that are moved by hand."""
+        data = self.data
+        if not self.model.nmocap:
+            return data.qpos.copy()
+        return np.concatenate([data.qpos, data.mocap_pos.ravel(), data.mocap_quat.ravel()])
+
     def joint_qpos(self, names: tuple[str, ...]) -> Array:
         """Addresses (n,) of one-dimensional joints in `data.qpos`."""
         return np.array([self.model.jnt_qposadr[self.identify("joint", name)] for name in names])
@@ -98,19 +105,22 @@ class Replica:
         self.data = mujoco.MjData(model)
         self._shown: bytes = b""
 
-    def show(self, qpos: Array) -> mujoco.MjData:
-        """The state with the poses of all bodies, geoms, sites and cameras at `qpos`."""
-        key = qpos.tobytes()
+    def show(self, snapshot: Array) -> mujoco.MjData:
+        """The state with the poses of all bodies, geoms, sites and cameras at a `Physics.snapshot`."""
+        key = snapshot.tobytes()
         if key != self._shown:
-            self.data.qpos[:] = qpos
+            joints, moved = self.model.nq, self.model.nq + 3 * self.model.nmocap
+            self.data.qpos[:] = snapshot[:joints]
+            self.data.mocap_pos[:] = snapshot[joints:moved].reshape(-1, 3)
+            self.data.mocap_quat[:] = snapshot[moved:].reshape(-1, 4)
             mujoco.mj_kinematics(self.model, self.data)
             mujoco.mj_camlight(self.model, self.data)
             self._shown = key
         return self.data
 
-    def site_pose(self, qpos: Array, site: int) -> Array:
-        """`T_map_site` (4, 4) at `qpos`."""
-        data = self.show(qpos)
+    def site_pose(self, snapshot: Array, site: int) -> Array:
+        """`T_map_site` (4, 4) at a `Physics.snapshot`."""
+        data = self.show(snapshot)
         T = np.eye(4)
         T[:3, :3] = data.site_xmat[site].reshape(3, 3)
         T[:3, 3] = data.site_xpos[site]

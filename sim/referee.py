@@ -14,10 +14,12 @@ from grape.messages import Array, Odometry
 from grape.robots import RobotDescription
 from grape.sim.areas import polygons_touch
 from grape.sim.compose import BASE_BODY
+from grape.sim.encounters import Encounters
 from grape.sim.hanging import DispenserPlace, HangingJudge, census
 from grape.sim.parts import Part, PartTable
 from grape.sim.physics import Physics
 from grape.sim.worlds.model import World
+from grape.sim.worlds.walkers import Walkers
 
 _PATH_PERIOD_STEPS = 100  # 5 Hz
 _FENCE_PERIOD_STEPS = 50
@@ -112,16 +114,18 @@ class Referee:
         physics: the scene.
         world: what stands in it, with the truth about spurs and nails.
         robot: whose footprint must stay out of the fences.
+        walkers: from whom it must keep away.
     """
 
     STATE: ClassVar[tuple[str, ...]] = ("_max_plant_force",)
 
-    def __init__(self, physics: Physics, world: World, robot: RobotDescription) -> None:
+    def __init__(self, physics: Physics, world: World, robot: RobotDescription, walkers: Walkers) -> None:
         self._physics = physics
         self._parts = PartTable.of(physics.model, world, robot)
         self._judge = HangingJudge(physics, world, self._parts, robot.feeder.pitch)
         self._footprint = robot.base.footprint
         self._fences = _Fences(polygons=tuple(fence.polygon for fence in world.site.fences))
+        self._encounters = Encounters(walkers, robot.base.footprint) if walkers.ids else None
         self._base = physics.identify("body", BASE_BODY)
         self._collisions: dict[tuple[str, str], Collision] = {}
         self._max_plant_force = 0.0
@@ -181,6 +185,8 @@ class Referee:
         if step % _FENCE_PERIOD_STEPS < 5:
             footprint = self._footprint @ T_map_base[:2, :2].T + T_map_base[:2, 3]
             self._fences.observe(footprint)
+        if self._encounters is not None:
+            self._encounters.observe(T_map_base, self._physics.clock.now())
         if step % _PATH_PERIOD_STEPS < 5:
             x, y = (float(value) for value in T_map_base[:2, 3])
             now = self._physics.clock.now()
@@ -242,6 +248,7 @@ class Referee:
                 "max_plant_force_n": round(self._max_plant_force, 2),
                 "plants": plants,
                 "checks": [asdict(witness) for witness in self._witnessed],
+                **({} if self._encounters is None else self._encounters.summary(self._collisions)),
             },
             "localization": self._errors.summary(),
         }
@@ -249,7 +256,7 @@ class Referee:
     @property
     def tallies(self) -> tuple[Any, ...]:
         """The objects whose numbers a checkpoint of the world keeps."""
-        return self, self._errors, self._fences
+        return self, self._errors, self._fences, *(() if self._encounters is None else (self._encounters,))
 
     def news(self) -> list[dict[str, Any]]:
         """What has grown since the last call, for a checkpoint's journal."""

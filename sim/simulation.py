@@ -17,10 +17,11 @@ from grape.sim.compose import BASE_JOINT, DISPENSER, compose, compose_seen
 from grape.sim.drivers import SensorOptions, connect
 from grape.sim.faults import Fault, apply_fault, fault_record, repeat_fault
 from grape.sim.physics import STEPS_PER_SECOND, Physics, SimulatedClock
-from grape.sim.raycast import Raycaster
+from grape.sim.raycast import MovingRays, Raycaster
 from grape.sim.referee import Referee
 from grape.sim.render import Renderer, View
 from grape.sim.worlds import World
+from grape.sim.worlds.walkers import Walkers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,20 +54,21 @@ class Simulation:
         self.world = world
         self.robot = robot
         self._physics = Physics(compose(world, robot, self.options.dispensers, self.options.stock))
+        self._walkers = Walkers(world.walkers, world.terrain)
         self._place()
         sensors = self.options.sensors
         self._drivers = connect(
             self._physics,
             robot,
             world.site,
-            Raycaster(world).cast,
+            MovingRays(Raycaster(world).cast, self._walkers).cast,
             lambda: compose_seen(world, robot, self.options.dispensers, self.options.stock),
             seed,
             replace(sensors, camera=replace(sensors.camera, gloss_rad=world.sun.gloss_rad)),
         )
         self._settle()
         self._drivers.sample(0)
-        self.referee = Referee(self._physics, world, robot)
+        self.referee = Referee(self._physics, world, robot, self._walkers)
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._checkpoint: Checkpoint | None = None
 
@@ -89,6 +91,7 @@ class Simulation:
         for _ in range(steps):
             self._drivers.actuate()
             self._physics.step()
+            self._walk()
             self.referee.watch()
             self._drivers.sample(self._physics.clock.step)
         if self._checkpoint is not None:
@@ -115,6 +118,7 @@ class Simulation:
                 repeat_fault(record, self._physics, self._drivers)
             self.referee.recall(journal)
             checkpoint.restore()
+            self._walk()
         checkpoint.save()
         return came_back
 
@@ -171,8 +175,17 @@ class Simulation:
         for index in range(self.options.dispensers):
             T_map_loop = T_map_base @ robot.feeder.T_base_link_level(index)
             _set_free_joint(physics, f"{DISPENSER}{index}", T_map_loop)
+        self._walk()
         physics.rearranged()
         mujoco.mj_forward(physics.model, physics.data)
+
+    def _walk(self) -> None:
+        """Put every walker where it is at the clock's time."""
+        if not self._walkers.ids:
+            return
+        data, poses = self._physics.data, self._walkers.poses(self._physics.clock.now())
+        data.mocap_pos[:] = poses[:, :3]
+        data.mocap_quat[:, 0], data.mocap_quat[:, 3] = np.cos(0.5 * poses[:, 3]), np.sin(0.5 * poses[:, 3])
 
     def _settle(self) -> None:
         """Let wheels sink in and loops come to rest, then start the clock at 0."""

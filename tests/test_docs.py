@@ -206,13 +206,15 @@ def assert_rows_match(rows: list[list[str]], model: Any) -> None:
 
 
 def test_keys_of_missions_and_worlds_are_those_of_the_code() -> None:
-    from grape.sim.worlds import VineyardOptions
+    from grape.sim.worlds import VineyardOptions, WalkerOptions
 
     mission, select, refill = tables("file_formats.md", "Mission")
     assert_rows_match(mission, MissionFile)
     assert_rows_match(select, Selection)
     assert_rows_match(refill, Refill)
-    assert_rows_match(tables("file_formats.md", "World")[0], model_of(VineyardOptions))
+    world, walkers = tables("file_formats.md", "World")
+    assert_rows_match(world, model_of(VineyardOptions))
+    assert_rows_match(walkers, model_of(WalkerOptions))
 
 
 def sources() -> str:

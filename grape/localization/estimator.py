@@ -35,7 +35,8 @@ class EstimatorOptions:
         datum: WGS84 origin of the map frame.
         ready_position_std: m, larger of x and y.
         ready_yaw_std: rad.
-        relocate_after: after so many refused RTK fixes in a row the filter gives up its position.
+        doubt_after: after so many refused RTK fixes in a row the estimate is not ready: better stand than drive by it.
+        relocate_after: after so many the filter gives up its position.
     """
 
     datum: Datum
@@ -45,7 +46,8 @@ class EstimatorOptions:
     filter: EkfOptions = field(default_factory=EkfOptions)
     ready_position_std: float = 0.10
     ready_yaw_std: float = 0.05
-    relocate_after: int = 20
+    doubt_after: int = 2
+    relocate_after: int = 8
 
 
 class PoseEstimator:
@@ -71,11 +73,11 @@ class PoseEstimator:
     @property
     def ready(self) -> bool:
         """Whether the pose is known well enough to drive by."""
-        return self._ekf is not None and self._is_small(self._ekf.belief.covariance)
+        return self._ekf is not None and self._is_believed(self._ekf.belief.covariance)
 
     def ready_at(self, stamp: float) -> bool:
         """Whether the pose extrapolated to `stamp` is known well enough; false after a long silence."""
-        return self._ekf is not None and self._is_small(self._ekf.predicted(stamp).covariance)
+        return self._ekf is not None and self._is_believed(self._ekf.predicted(stamp).covariance)
 
     def advance(
         self,
@@ -126,7 +128,10 @@ class PoseEstimator:
         options = self.options
         if isinstance(message, JointState):
             previous, self._wheels = self._wheels, message
-            return from_wheels(previous, message, options.wheels) if previous is not None else None
+            if previous is None:
+                return None
+            yaw_rate = None if self._ekf is None else float(self._ekf.belief.mean[11])
+            return from_wheels(previous, message, options.wheels, yaw_rate)
         if isinstance(message, Imu):
             previous_imu = self._imu
             if options.imu.differential and previous_imu is None:
@@ -162,7 +167,9 @@ class PoseEstimator:
             self._ekf.widen(np.array([0, 1, 2]), 1.0)
             self._refused_fixes = 0
 
-    def _is_small(self, covariance: Array) -> bool:
+    def _is_believed(self, covariance: Array) -> bool:
+        if self._refused_fixes >= self.options.doubt_after:
+            return False
         position_std = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
         yaw_std = float(np.sqrt(covariance[5, 5]))
         return position_std <= self.options.ready_position_std and yaw_std <= self.options.ready_yaw_std

@@ -55,9 +55,9 @@ class ProgressDisplay(LiveDisplay):
 
 
 def plain_line(progress: Progress) -> str:
-    """`  37 %  r0n0 ServoToNail  sim 123.4 s  x1.32`."""
+    """`  50 %  2/4 plants done, r0n0  ServoToNail  sim 123.4 s  x1.32`."""
     return (
-        f"{progress.percent:4.0f} %  plant {progress.done + 1 if progress.plant else 0}/{progress.plants}"
+        f"{progress.percent:4.0f} %  {progress.done}/{progress.plants} plants done,"
         f" {progress.plant or '-':<8} {progress.phase:<22} sim {progress.sim_time_s:7.1f} s"
         f"  x{progress.real_time_factor:.2f}"
     )

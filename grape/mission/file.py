@@ -98,7 +98,8 @@ class Mission:
     def resolved(self) -> dict[str, Any]:
         """The mission as it runs, every default written out; loading it again gives the same mission."""
         data = self.file.model_dump(mode="json", exclude={"select"}, exclude_none=True)
-        data["world"] = {"type": self.file.world.get("type", "vineyard"), **dataclasses.asdict(self.world)}
+        world = {key: value for key, value in dataclasses.asdict(self.world).items() if value != ()}
+        data["world"] = {"type": self.file.world.get("type", "vineyard"), **world}
         data["plants"] = [plant.model_dump() for plant in self.plants]
         data["refill"]["stock"] = self.stock
         if self.surveyed:

@@ -16,6 +16,7 @@ from grape.drivers import Drivers
 from grape.errors import GrapeError, Reason
 from grape.messages import Odometry
 from grape.mission.file import Mission
+from grape.mission.guard import guarded
 from grape.mission.ledger import SqliteLedger
 from grape.mission.progress import Progress, ProgressTracker
 from grape.mission.record import RunRecorder
@@ -127,10 +128,11 @@ class Runner:
         self.ledger = _ledger(mission, folder / "ledger.sqlite", resume, facts or {})
         self._session = int(self.ledger.facts().get("sessions", 0)) + 1
         self.ledger.note("sessions", str(self._session))
+        world = World(site=mission.site)
         self.context = Context(
             clock=backend.clock,
-            world=World(site=mission.site),
-            drivers=backend.drivers,
+            world=world,
+            drivers=guarded(backend.drivers, robot.description, world, backend.clock, self.log),
             robot=robot,
             jobs=InlineJobs(),
             log=self.log,

@@ -1,8 +1,10 @@
 """Getting the base from one place to another: costmaps, global paths, local planner, collision monitor, routes."""
 
 from grape.navigation.beams import ScanOptions, SliceOptions, beams_from_cloud, beams_from_scan, scan_points
+from grape.navigation.collision_monitor import CollisionMonitor, CollisionOptions
 from grape.navigation.costmap import Beams, InflationOptions, Layer, ObstacleLayer, PolygonLayer, layered_costmap
 from grape.navigation.dwa import Dwa, DwaOptions
+from grape.navigation.fence_guard import FenceGuard, FenceOptions
 from grape.navigation.follower import FollowerState, FollowerStep, LocalPlanner, Phase, PurePursuit, PursuitOptions
 from grape.navigation.grid import FREE, INSCRIBED, LETHAL, UNKNOWN, Costmap, Footprint, GridSpec
 from grape.navigation.layers import (
@@ -31,10 +33,14 @@ __all__ = [
     "LETHAL",
     "UNKNOWN",
     "Beams",
+    "CollisionMonitor",
+    "CollisionOptions",
     "Costmap",
     "DenoiseLayer",
     "Dwa",
     "DwaOptions",
+    "FenceGuard",
+    "FenceOptions",
     "FollowerState",
     "FollowerStep",
     "Footprint",

@@ -9,7 +9,7 @@ import numpy as np
 
 from grape.messages import Array, LaserScan, PointCloud
 from grape.navigation.beams import ScanOptions, SliceOptions, beams_from_cloud, beams_from_scan
-from grape.navigation.costmap import InflationOptions, Layer, ObstacleLayer, PolygonLayer, layered_costmap
+from grape.navigation.costmap import Beams, InflationOptions, Layer, ObstacleLayer, PolygonLayer, layered_costmap
 from grape.navigation.grid import Costmap, Footprint, GridSpec
 
 
@@ -48,9 +48,11 @@ class Surroundings:
         self._sensors: dict[str, ObstacleLayer] = {}
         self._fences: Costmap | None = None
 
-    def add_scan(self, name: str, scan: LaserScan, T_map_base: Array, T_base_sensor: Array) -> None:
-        """Mark and clear by a horizontal laser scan."""
-        self._layer(name, T_map_base).integrate(beams_from_scan(scan, T_map_base, T_base_sensor, self.options.scan))
+    def add_scan(self, name: str, scan: LaserScan, T_map_base: Array, T_base_sensor: Array) -> Beams:
+        """Mark and clear by a horizontal laser scan; returns the beams that it was taken for."""
+        beams = beams_from_scan(scan, T_map_base, T_base_sensor, self.options.scan)
+        self._layer(name, T_map_base).integrate(beams)
+        return beams
 
     def add_cloud(self, name: str, cloud: PointCloud, T_map_base: Array, T_base_sensor: Array) -> None:
         """Mark and clear by a 3-D scan, of which only what stands out of the ground counts."""

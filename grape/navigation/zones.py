@@ -13,6 +13,7 @@ from grape.errors import InvalidInput
 from grape.geodesy import Datum, enu_from_geodetic
 from grape.messages import Array, frozen_array
 from grape.navigation.costmap import PolygonLayer
+from grape.navigation.polygon import in_polygon
 from grape.navigation.route import RouteOptions, row_zones
 from grape.site import Site
 
@@ -96,13 +97,5 @@ class SpeedZone:
 
 def speed_limit(zones: Sequence[SpeedZone], point: Array) -> float:
     """The least limit (m/s) of the zones that hold a point (2,) m in map; inf outside all of them."""
-    return min((zone.limit for zone in zones if _holds(zone.polygon, np.asarray(point, dtype=float))), default=np.inf)
-
-
-def _holds(polygon: Array, point: Array) -> bool:
-    """Whether a ray from the point crosses the polygon's edge an odd number of times."""
-    a, b = polygon, np.roll(polygon, -1, axis=0)
-    across = (a[:, 1] > point[1]) != (b[:, 1] > point[1])
-    a, b = a[across], b[across]
-    x = a[:, 0] + (point[1] - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
-    return bool((x > point[0]).sum() % 2)
+    points = np.asarray(point, dtype=float)[None]
+    return min((zone.limit for zone in zones if in_polygon(points, zone.polygon)[0]), default=np.inf)

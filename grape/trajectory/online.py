@@ -11,13 +11,13 @@ from grape.messages import Array
 
 
 class VelocityLimiter:
-    """Turns wished joint speeds into ones that the arm can follow.
+    """Turns wished speeds of an arm's joints or of a base into ones that it can follow.
 
     Args:
-        velocity_max: (n,) rad/s.
-        acceleration_max: (n,) rad/s^2.
+        velocity_max: (n,) rad/s, or m/s of a base that drives straight.
+        acceleration_max: (n,) per s^2.
         period_s: time between two calls of `step`.
-        jerk_max: (n,) rad/s^3; unlimited when None.
+        jerk_max: (n,) per s^3; unlimited when None.
     """
 
     def __init__(
@@ -41,25 +41,25 @@ class VelocityLimiter:
 
     @property
     def velocity(self) -> Array:
-        """The last set-point (n,) rad/s."""
+        """The last set-point (n,)."""
         return np.array(self._input.current_velocity)
 
     def reset(self, velocity: Array | None = None) -> None:
-        """Start again from a measured speed (n,) rad/s, or from rest."""
+        """Start again from a measured speed (n,), or from rest."""
         n = len(self._v_max)
         self._input.current_position = [0.0] * n
         self._input.current_velocity = [0.0] * n if velocity is None else np.asarray(velocity, float).tolist()
         self._input.current_acceleration = [0.0] * n
 
     def step(self, velocity: Array) -> Array:
-        """The next set-point (n,) rad/s towards the wished `velocity`, which is scaled into the speed limits first.
+        """The next set-point (n,) towards the wished `velocity`, which is scaled into the speed limits first.
 
         Raises:
             InvalidInput: the wish is not finite or has another shape.
         """
         wish = np.asarray(velocity, dtype=float)
         if wish.shape != self._v_max.shape or not np.isfinite(wish).all():
-            raise InvalidInput(f"velocity must be {len(self._v_max)} finite numbers in rad/s, got {velocity}")
+            raise InvalidInput(f"velocity must be {len(self._v_max)} finite numbers, got {velocity}")
         wish = wish / max(1.0, float((np.abs(wish) / self._v_max).max()))
         self._input.target_velocity = wish.tolist()
         self._input.target_acceleration = [0.0] * len(wish)

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from grape.geometry import pose
-from grape.robots.description import BaseDescription, Mount, RobotDescription
+from grape.robots.description import BaseDescription, Mount, RobotDescription, driving_zones
 from grape.robots.jaco2 import GRIPPER, WRIST_MOUNTS, feeder, jaco2
 
 _WHEELS = ("wheel_front_left", "wheel_front_right", "wheel_rear_left", "wheel_rear_right")
@@ -24,6 +24,7 @@ def _on_base(x: float, y: float, z: float, model: str = "") -> Mount:
     return Mount(parent="base_link", T_parent_sensor=pose(translation=(x, y, z)), model=model)
 
 
+_FOOTPRINT = np.array([[0.495, 0.343], [-0.495, 0.343], [-0.495, -0.343], [0.495, -0.343]])
 _BASE = BaseDescription(
     height=0.132,
     wheel_joints=_WHEELS,
@@ -37,9 +38,10 @@ _BASE = BaseDescription(
     max_linear_acceleration=3.0,
     max_angular_acceleration=6.0,
     half_width=0.335,  # of the body; the wheels stand out 8 mm
-    footprint=np.array([[0.495, 0.343], [-0.495, 0.343], [-0.495, -0.343], [0.495, -0.343]]),
+    footprint=_FOOTPRINT,
     command_timeout=0.25,
     ticks_per_metre=78_000.0,
+    zones=driving_zones(_FOOTPRINT),
 )
 
 DESCRIPTION = RobotDescription(

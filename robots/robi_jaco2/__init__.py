@@ -19,7 +19,7 @@ import numpy as np
 
 from grape.geometry import pose, rotation_y
 from grape.messages import Array
-from grape.robots.description import BaseDescription, Mount, RobotDescription
+from grape.robots.description import BaseDescription, Mount, RobotDescription, driving_zones
 from grape.robots.jaco2 import GRIPPER, WRIST_MOUNTS, feeder, jaco2
 
 _WHEELS = ("wheel_front_left", "wheel_front_right", "wheel_rear_left", "wheel_rear_right")
@@ -30,6 +30,7 @@ def _on_base(position: tuple[float, float, float], model: str = "", rotation: Ar
     return Mount(parent="base_link", T_parent_sensor=pose(rotation, position), model=model)
 
 
+_FOOTPRINT = np.array([[0.50, 0.425], [-0.44, 0.425], [-0.44, -0.425], [0.50, -0.425]])
 _BASE = BaseDescription(
     height=0.28,
     wheel_joints=_WHEELS,
@@ -43,9 +44,10 @@ _BASE = BaseDescription(
     max_linear_acceleration=2.0,
     max_angular_acceleration=4.0,
     half_width=0.42,
-    footprint=np.array([[0.50, 0.425], [-0.44, 0.425], [-0.44, -0.425], [0.50, -0.425]]),
+    footprint=_FOOTPRINT,
     command_timeout=0.25,
     ticks_per_metre=5_000.0,
+    zones=driving_zones(_FOOTPRINT),
 )
 
 DESCRIPTION = RobotDescription(

@@ -23,7 +23,7 @@ class BaseOptions:
     wheel_radius: float  # m
     effective_track: float  # m between ideal wheels that would turn the base as the skidding ones do
     ticks_per_metre: float
-    max_linear: float = 1.0  # m/s
+    max_linear: float = 1.0  # m/s, of every wheel too
     max_angular: float = 2.0  # rad/s
     linear_acceleration: float = 1.0  # m/s^2
     angular_acceleration: float = 2.0  # rad/s^2
@@ -88,10 +88,11 @@ class SimulatedBase(SampledSensor[JointState]):
         self._linear = _towards(self._linear, self._target[0], options.linear_acceleration * STEP_S)
         self._angular = _towards(self._angular, self._target[1], options.angular_acceleration * STEP_S)
         turning = 0.5 * options.effective_track * self._angular
+        fastest = options.max_linear / options.wheel_radius
         radius, lead, data = options.wheel_radius, options.hold_lead, self._physics.data
         # Plain numbers: on so few wheels each operation on arrays costs more than all of these.
         wheels = data.qpos[self._qpos].tolist()
-        speeds = [(self._linear + side * turning) / radius for side in self._side]
+        speeds = [min(max((self._linear + side * turning) / radius, -fastest), fastest) for side in self._side]
         lags = [
             min(max(reference + speed * STEP_S - wheel, -lead), lead)
             for reference, speed, wheel in zip(self._reference, speeds, wheels, strict=True)

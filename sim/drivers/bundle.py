@@ -124,7 +124,8 @@ def connect(
 
     Args:
         site: its datum for GNSS, its refill points for the operator.
-        cast: distances (n,) m along rays from origins (n, 3) in unit directions (n, 3), map frame, +inf for no hit.
+        cast: distances (n,) m along rays from origins (n, 3) in unit directions (n, 3), map frame, at a time (s), +inf
+            for no hit.
         seen: makes the model that the camera renders.
         seed: of every sensor's noise.
     """

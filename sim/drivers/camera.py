@@ -78,12 +78,12 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
             self._renderer = None
 
     def _snapshot(self) -> tuple[Array, RgbdModel]:
-        return self._physics.data.qpos.copy(), self.errors
+        return self._physics.snapshot(), self.errors
 
     def _measure(self, index: int, stamp: float, snapshot: tuple[Array, RgbdModel]) -> RgbdImage:
         import cv2
 
-        qpos, errors = snapshot
+        shown, errors = snapshot
         options = self._options
         if self._renderer is None or self._replica is None:
             self._replica = Replica(self._seen())
@@ -93,7 +93,7 @@ class SimulatedCamera(SampledSensor[RgbdImage]):
             rng = self._noise.constant()
             gray = NoiseBank(rng, options.height, options.width, 3).scaled(errors.noise)
             self._banks = gray, NoiseBank(rng, options.height, options.width, 1)
-        data = self._replica.show(qpos)
+        data = self._replica.show(shown)
         rgb, depth = self._renderer.color_and_depth(data, options.camera)
         saturated = self._mirrored_sun(self._replica.model, data, depth)
         rng = self._noise.frame(index)

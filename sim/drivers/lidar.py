@@ -1,6 +1,6 @@
 """Simulated laser scanners: they note where they are at each due step and cast their rays only when read.
 
-Rays meet the static world alone: the robot's own parts, the dispensers and whatever else moves are not seen.
+Rays meet the static world and who walks in it: the robot's own parts and the dispensers are not seen.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from grape.sim.physics import Physics, Replica
 from grape.sim.sensors.noise import FrameNoise, SlowDrift
 from grape.sim.sensors.ranges import BeamSpot, RangeModel, measured_ranges, spot_ranges, spot_rays
 
-Cast = Callable[[Array, Array], Array]  # origins (n, 3) and unit directions (n, 3) in the map, to distances (n,), inf
+# Origins (n, 3) and unit directions (n, 3) in the map, and the time (s), to distances (n,), inf.
+Cast = Callable[[Array, Array, float], Array]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,7 +118,7 @@ class SimulatedScanner(SampledSensor[LaserScan]):
         self._directions = np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
 
     def _snapshot(self) -> Array:
-        return self._physics.data.qpos.copy()
+        return self._physics.snapshot()
 
     def _measure(self, index: int, stamp: float, snapshot: Array) -> LaserScan:
         options = self._options
@@ -130,18 +131,19 @@ class SimulatedScanner(SampledSensor[LaserScan]):
             range_min=options.errors.range_min,
             range_max=options.errors.range_max,
             ranges=measured_ranges(
-                self._true_ranges(T_map_sensor), self._bias.at(stamp), options.errors, self._noise.frame(index)
+                self._true_ranges(T_map_sensor, stamp), self._bias.at(stamp), options.errors, self._noise.frame(index)
             ),
             scan_time=options.period_s,
         )
 
-    def _true_ranges(self, T_map_sensor: Array) -> Array:
+    def _true_ranges(self, T_map_sensor: Array, stamp: float) -> Array:
         R, origin = T_map_sensor[:3, :3], T_map_sensor[:3, 3]
         directions = self._directions @ R.T
         if self._options.spot is None:
-            return self._cast(np.broadcast_to(origin, directions.shape), directions)
+            return self._cast(np.broadcast_to(origin, directions.shape), directions, stamp)
         origins, rays = spot_rays(origin, directions, R[:, 2], self._options.spot)
-        return spot_ranges(self._cast(origins.reshape(-1, 3), rays.reshape(-1, 3)).reshape(rays.shape[:2]))
+        distances = self._cast(origins.reshape(-1, 3), rays.reshape(-1, 3), stamp)
+        return spot_ranges(distances.reshape(rays.shape[:2]))
 
 
 class SimulatedSpinner(SampledSensor[PointCloud]):
@@ -160,13 +162,13 @@ class SimulatedSpinner(SampledSensor[PointCloud]):
         self._directions = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
 
     def _snapshot(self) -> Array:
-        return self._physics.data.qpos.copy()
+        return self._physics.snapshot()
 
     def _measure(self, index: int, stamp: float, snapshot: Array) -> PointCloud:
         options = self._options
         T_map_sensor = self._replica.site_pose(snapshot, self._site)
         directions = self._directions @ T_map_sensor[:3, :3].T
-        true = self._cast(np.broadcast_to(T_map_sensor[:3, 3], directions.shape), directions)
+        true = self._cast(np.broadcast_to(T_map_sensor[:3, 3], directions.shape), directions, stamp)
         ranges = measured_ranges(true, self._bias.at(stamp), options.errors, self._noise.frame(index))
         hit = np.isfinite(ranges)
         return PointCloud(stamp=stamp, frame_id=options.name, points=self._directions[hit] * ranges[hit, None])

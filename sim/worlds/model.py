@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 
 from grape.messages import Array
+from grape.sim.worlds.options import WalkerOptions
 from grape.site import Site
 
 Color = tuple[float, float, float, float]
@@ -140,3 +141,4 @@ class World:
     plates: tuple[Plate, ...]
     spurs: tuple[SpurTruth, ...]  # truth, for the referee and tests only
     nails: tuple[NailTruth, ...]  # truth, for the referee and tests only
+    walkers: tuple[WalkerOptions, ...] = ()

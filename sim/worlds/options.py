@@ -23,6 +23,36 @@ def _number(low: float, high: float) -> Any:
     return Field(ge=low, le=high, allow_inf_nan=False)
 
 
+WalkerKind = Literal["person", "dog", "boar"]
+Coordinate = Annotated[float, _number(-1000.0, 1000.0)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkerOptions:
+    """Who walks where; an item of `world.walkers`.
+
+    Attributes:
+        path: waypoints (x, y) in m, map frame; the walker stands at the first until `start_s`.
+        speed: m/s between waypoints.
+        wait_s: how long it stands at each waypoint after the first.
+        loop: from the last waypoint on to the first, and so on; else it stays at the last.
+
+    Raises:
+        InvalidInput: a value is out of its range.
+    """
+
+    id: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=40)]
+    path: Annotated[tuple[tuple[Coordinate, Coordinate], ...], Field(min_length=1, max_length=1000)]
+    kind: WalkerKind = "person"
+    speed: Annotated[float, _number(0.05, 3.0)] = 1.2
+    start_s: Annotated[float, _number(0.0, 86400.0)] = 0.0
+    wait_s: Annotated[float, _number(0.0, 86400.0)] = 0.0
+    loop: bool = False
+
+    def __post_init__(self) -> None:
+        _check_ranges("walker", self)
+
+
 @dataclass(frozen=True, kw_only=True)
 class VineyardOptions:
     """Options of the vineyard generator; lengths in metres, slopes as rise over run, sun angles in degrees.
@@ -57,13 +87,13 @@ class VineyardOptions:
     datum_latitude: Annotated[float, _number(-85.0, 85.0)] = 42.3415  # Garriguella, Catalonia
     datum_longitude: Annotated[float, _number(-180.0, 180.0)] = 3.0632
     datum_altitude: Annotated[float, _number(-500.0, 6000.0)] = 60.0
+    walkers: Annotated[tuple[WalkerOptions, ...], Field(max_length=20)] = ()  # people and animals that walk around
 
     def __post_init__(self) -> None:
-        try:
-            _ranges().model_validate(dataclasses.asdict(self))
-        except ValidationError as error:
-            texts = [f"{e['loc'][0]}: got {e['input']!r}; {e['msg']}" for e in error.errors()]
-            raise InvalidInput("vineyard: " + "; ".join(texts)) from None
+        _check_ranges("vineyard", self)
+        ids = [walker.id for walker in self.walkers]
+        if len(set(ids)) < len(ids):
+            raise InvalidInput(f"walkers: each needs an id of its own, got {', '.join(ids)}")
         posts = len(post_stations(self))
         if self.nails_per_row > posts:
             raise InvalidInput(
@@ -78,9 +108,18 @@ class VineyardOptions:
             )
 
 
-@lru_cache(maxsize=1)
-def _ranges() -> Any:
-    return model_of(VineyardOptions)
+def _check_ranges(what: str, options: Any) -> None:
+    kind: type = type(options)
+    try:
+        _ranges(kind).model_validate({f.name: getattr(options, f.name) for f in dataclasses.fields(options)})
+    except ValidationError as error:
+        texts = [f"{e['loc'][0]}: got {e['input']!r}; {e['msg']}" for e in error.errors()]
+        raise InvalidInput(f"{what}: " + "; ".join(texts)) from None
+
+
+@lru_cache(maxsize=2)
+def _ranges(options: type) -> Any:
+    return model_of(options)
 
 
 def post_stations(options: VineyardOptions) -> list[float]:

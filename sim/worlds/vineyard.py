@@ -134,6 +134,7 @@ def grow_world(site: Site, options: VineyardOptions) -> World:
         plates=tuple(plates),
         spurs=tuple(spurs),
         nails=tuple(nails),
+        walkers=options.walkers,
     )
 
 

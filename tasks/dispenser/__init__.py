@@ -5,6 +5,7 @@ from pathlib import Path
 import grape.trees
 from grape.actions.drive_to_pose import drive_to_pose
 from grape.actions.move_arm import move_arm_to_named
+from grape.actions.recoveries import back_off, turn, wait
 from grape.actions.retract import retract
 from grape.actions.unwind import unwind
 from grape.actions.wait_for_localization import wait_for_localization
@@ -52,6 +53,7 @@ TASK = Task(
     actions=(
         approach_nail,
         approach_spur,
+        back_off,
         calibrate_arm,
         check_deployment,
         check_feeder,
@@ -77,7 +79,9 @@ TASK = Task(
         servo_to_spur,
         settle_account,
         skip_plants,
+        turn,
         unwind,
+        wait,
         wait_for_localization,
         wait_for_refill,
         withdraw_hand,

@@ -114,27 +114,48 @@ def test_position_is_given_up_after_many_fixes_that_agree_elsewhere(drive, datum
     assert estimator.odometry(60.0).pose[0, 3] == pytest.approx(4.0, abs=0.05)
 
 
-def test_good_fix_after_a_slipping_bend_is_not_taken_for_a_jump(drive, datum, fix):
-    """The wheels turn the bend at full speed while the base loses 0.3 m: what a skidding base does on soil."""
+@pytest.mark.parametrize(
+    ("left", "right", "rate", "speed"),
+    [
+        pytest.param(0.5, 0.5, 0.5, 0.3, id="wheels turn the bend at full speed and the base loses 0.2 m each second"),
+        pytest.param(0.0, 1.7, 0.3, 0.0, id="on a side slope the outer wheels spin and the base only turns"),
+    ],
+)
+def test_good_fix_after_a_slipping_bend_is_not_taken_for_a_jump(drive, datum, fix, left, right, rate, speed):
     ride = drive(12, 1.0, slope=0.0)
     estimator = PoseEstimator(EstimatorOptions(datum=datum))
     R, angle, yaw = rotation_from_rpy(0, 0, 0), np.zeros(4), 0.0
+    turned = 0.02 / 0.1651 * np.array([left, right, left, right])
     for k in range(400):
         stamp = 0.02 * (k + 1)
         bend = k >= 300
-        rate = 0.5 if bend else 0.0
-        yaw += rate * 0.02
+        yaw += rate * 0.02 * bend
         R = rotation_from_rpy(0, 0, yaw)
-        angle = angle + (0.02 * 0.5 / 0.1651 if bend else 0.0)
+        angle = angle + turned * bend
         wheels = replace(ride.wheels[0], stamp=stamp, position=angle)
         imu = replace(
             ride.imu[0],
             stamp=stamp,
             orientation=rotation_to_quaternion(R),
-            angular_velocity=np.array([0.0, 0.0, rate]),
+            angular_velocity=np.array([0.0, 0.0, rate * bend]),
         )
-        true = np.array([max(0.0, 0.02 * (k - 300) * 0.3), 0.0, 0.0])
+        true = np.array([max(0.0, 0.02 * (k - 300) * speed), 0.0, 0.0])
         fixes = (fix(stamp, true, R, np.zeros(3)),) if k % 50 == 49 else ()
         estimator.advance(stamp, wheels=(wheels,), imu=(imu,), gnss=fixes)
     assert estimator.verdicts["gnss", "gated"] == 0
     assert np.hypot(*(estimator.odometry(8.0).pose[:2, 3] - true[:2])) < 0.05
+
+
+def test_robot_stands_while_good_fixes_are_refused(drive, datum, fix):
+    ride = drive(12, 1.0, slope=0.0)
+    estimator = PoseEstimator(EstimatorOptions(datum=datum))
+    level, ready = rotation_from_rpy(0, 0, 0), []
+    for k in range(1500):
+        stamp, place = 1.0 + 0.02 * k, np.array([0.0 if k < 750 else 3.0, 0.0, 0.0])
+        imu, wheels = replace(ride.imu[0], stamp=stamp), replace(ride.wheels[0], stamp=stamp)
+        fixes = (fix(stamp, place, level, np.zeros(3)),) if k % 50 == 0 else ()
+        estimator.advance(stamp, wheels=(wheels,), imu=(imu,), gnss=fixes)
+        ready += [estimator.ready] * len(fixes)
+    assert ready[14:16] == [True, True], "one fix elsewhere is a jump"
+    assert ready[16:23] == [False] * 7
+    assert ready[-1], "where fixes stay elsewhere, they win"

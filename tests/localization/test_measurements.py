@@ -57,6 +57,15 @@ def test_turning_wheels_are_trusted_less():
     assert (np.diag(turning.covariance) > np.diag(straight.covariance)).all()
 
 
+def test_wheels_that_spin_are_hardly_believed_and_wheels_that_skid_as_expected_as_before():
+    config, before, now = WheelConfig(), wheels(0.0, 0.0, 0.0), wheels(0.1, 0.0, 1.0)
+    rate = 1.0 / 0.1 * config.wheel_radius / config.effective_track
+    told = [from_wheels(before, now, config, yaw_rate=share * rate) for share in (1.0, 0.7, 0.2)]
+    vx = [float(np.sqrt(m.covariance[0, 0])) for m in told]
+    assert np.array_equal(told[0].covariance, from_wheels(before, now, config).covariance)
+    assert vx[1] == vx[0] and vx[2] > 10 * vx[0]
+
+
 def test_wheels_without_a_side_in_their_names_are_refused():
     with pytest.raises(InvalidInput, match="left"):
         from_wheels(wheels(0.0, 0, 0, ("a", "b", "c", "d")), wheels(0.1, 1, 1, ("a", "b", "c", "d")), WheelConfig())

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from grape.actions.core import Context, Outcome, Status
+from grape.drivers import Drivers
 from grape.errors import StaleData
 from grape.geodesy import geodetic_from_enu
 from grape.geometry import pose, rotation_z
@@ -49,7 +50,7 @@ class FakeBackend:
         self.beats = 0
         names = ("base", "arm", "gripper", "camera", "imu", "gnss")
         self.buffers = {name: Buffer() for name in names}
-        self.drivers = SimpleNamespace(**self.buffers, scans={}, clouds={}, stop_all=self.stop_all)
+        self.drivers = Drivers(**self.buffers)
         self.site = mission.site
         self.estimates: list[Any] = []
         self.witnessed: list[tuple[str, str]] = []
@@ -61,10 +62,6 @@ class FakeBackend:
 
     def now(self) -> float:
         return self.beats / 100
-
-    def stop_all(self) -> None:
-        for name in ("base", "arm", "gripper"):
-            self.buffers[name].stop()
 
     def advance(self) -> None:
         self.beats += 1

@@ -47,6 +47,30 @@ def test_overrides_reach_mission_world_and_action_parameters() -> None:
     assert mission.actions == {"ScanVine": {"speed": 0.1}}
 
 
+def test_walkers_are_checked_and_kept_and_their_absence_leaves_no_trace(mission: Mission, tmp_path: Path) -> None:
+    walkers = "world.walkers=[{id: anna, path: [[2, -4], [2.5, 4]], start_s: 12}, {id: rex, kind: dog, path: [[0, 1]]}]"
+    walked = load_mission("dispenser_deployment", [walkers])
+    assert [(w.id, w.kind, w.start_s) for w in walked.world.walkers] == [("anna", "person", 12.0), ("rex", "dog", 0.0)]
+    assert walked.world.walkers[0].path == ((2.0, -4.0), (2.5, 4.0))
+    write_inputs(walked, tmp_path)
+    assert load_mission(str(tmp_path / "mission.yaml")).world == walked.world
+    assert "walkers" not in mission.resolved()["world"]
+
+
+@pytest.mark.parametrize(
+    ("walker", "expected"),
+    [
+        ("{id: a, path: [[0, 0]], kind: cow}", "world.walkers.0.kind"),
+        ("{id: a, path: []}", "world.walkers.0.path"),
+        ("{id: a, path: [[0, 0]], pace: 2}", "world.walkers.0.pace"),
+        ("{id: a, path: [[0, 0]]}, {id: a, path: [[1, 0]]}", "id of its own"),
+    ],
+)
+def test_a_wrong_walker_is_named_with_its_place(walker: str, expected: str) -> None:
+    (problem,) = problems_of("dispenser_deployment", [f"world.walkers=[{walker}]"])
+    assert expected in problem
+
+
 def test_defaults_of_goals_get_the_types_of_their_fields(tmp_path: Path) -> None:
     overrides = ["actions.FindDeploymentPoints={height_m: [0.3, 1], pitches: [1]}", "actions.Unwind={}"]
     mission = load_mission("dispenser_deployment", overrides)

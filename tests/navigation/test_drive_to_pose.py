@@ -220,11 +220,30 @@ def test_blocked_lane_without_a_way_around_stops_the_robot_before_the_obstacle(s
     def block(now: float) -> None:
         nose.append(machine.pose[0] + 0.495)
         if now > 2.0:
-            y = np.arange(-1.7, -0.2, 0.15)
-            machine.circles = np.column_stack([np.full(len(y), 1.6), y, np.full(len(y), 0.06)])
+            machine.circles = across_the_lane(1.6)
 
     assert failure((machine, ctx), DriveGoal(x=4.0, y=-0.835, yaw=0.0), block).reason is Reason.BLOCKED
     assert 0.0 < max(nose) < 1.54
+
+
+def across_the_lane(x: float) -> Any:
+    """Posts (n, 3) so near to each other that nobody gets through, from the row to y = -1.7 m."""
+    y = np.arange(-1.7, -0.2, 0.15)
+    return np.column_stack([np.full(len(y), x), y, np.full(len(y), 0.06)])
+
+
+def test_lane_that_is_blocked_before_the_drive_begins_is_no_error_of_the_site(setting):
+    side = Area(id="side", polygon=np.array([[-4.0, -1.9], [-4.0, -1.7], [8.6, -1.7], [8.6, -1.9]]))
+    ends = [
+        Area(id=f"end {x}", polygon=np.array([[x, -1.9], [x + 0.4, -1.9], [x + 0.4, 0.3], [x, 0.3]]))
+        for x in (-4.4, 8.2)
+    ]
+    row = Area(id="row", polygon=np.array([[-4.0, -0.2], [0.0, -0.2], [0.0, 0.2], [-4.0, 0.2]]))
+    machine, ctx = setting(fences=(side, row, *ends))
+    machine.circles = across_the_lane(-0.8)
+    failed = failure((machine, ctx), DriveGoal(x=4.0, y=-0.835, yaw=0.0))
+    assert failed.reason is Reason.BLOCKED and "what stands there" in failed.detail
+    assert machine.pose[0] == -3.0
 
 
 def test_person_who_leaves_is_waited_for(setting):
@@ -237,6 +256,50 @@ def test_person_who_leaves_is_waited_for(setting):
     result, feedback = drive(machine, ctx, DriveGoal(x=3.0, y=-0.835, yaw=0.0), walk)
     assert abs(result.along_m) < 0.03
     assert any("waiting" in f.status for f in feedback)
+
+
+def test_robot_stops_before_somebody_who_crosses_waits_and_goes_on(setting):
+    machine, ctx = setting()
+    least, speeds, waited = [], [], []
+    ctx.log = SimpleNamespace(event=lambda kind, **fields: waited.append(kind))  # type: ignore[assignment]
+
+    def cross(now: float) -> None:
+        person = np.array([0.9, -3.5 + 1.2 * (now - 1.0), 0.2])
+        machine.circles = person[None]
+        nose = machine.pose[0] + 0.495
+        least.append(np.hypot(max(0.0, person[0] - nose), max(0.0, abs(person[1] - machine.pose[1]) - 0.343)) - 0.2)
+        speeds.append(machine.v)
+
+    result, feedback = drive(machine, ctx, DriveGoal(x=3.0, y=-0.835, yaw=0.0), cross)
+    assert abs(result.along_m) < 0.03 and result.replans == 0, "it did not dodge, it waited"
+    assert min(least) > 0.5
+    assert waited == ["waiting"]
+    stood = np.array(speeds) == 0.0
+    assert 100 < np.count_nonzero(stood[200:-100]) < 800, "between one and eight seconds"
+    assert any(f.status.startswith("waiting for something in the way") for f in feedback)
+
+
+def test_robot_goes_around_somebody_who_came_and_stays(setting):
+    machine, ctx = setting()
+
+    def come(now: float) -> None:
+        machine.circles = np.array([[0.6, max(-0.9, 2.0 - 1.0 * now), 0.2]])
+
+    result, _ = drive(machine, ctx, DriveGoal(x=3.0, y=-0.835, yaw=0.0), come)
+    assert abs(result.along_m) < 0.03 and result.replans >= 1
+
+
+def test_base_that_is_held_back_by_its_guard_is_blocked_and_not_stuck(setting):
+    machine, ctx = setting()
+    send, begun = machine.send, []
+
+    def guarded(linear_x: float, angular_z: float) -> Twist:
+        return send(0.0, 0.0) if machine.time_s > 3.0 else send(linear_x, angular_z)
+
+    machine.send = guarded  # type: ignore[method-assign]
+    failed = failure((machine, ctx), DriveGoal(x=3.0, y=-0.835, yaw=0.0), begun.append)
+    assert failed.reason is Reason.BLOCKED and "in the way" in failed.detail
+    assert 17.5 < begun[-1] < 19.0
 
 
 def recoveries(ctx: core.Context) -> list[dict[str, Any]]:

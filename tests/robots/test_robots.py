@@ -184,3 +184,18 @@ def test_wheels_stand_where_wheelbase_and_track_have_them(description):
         x, y, _ = model.body(joint).pos
         assert (2 * forward * x, 2 * left * y) == pytest.approx((base.wheelbase, base.track))
         assert model.geom(joint).size[0] == base.wheel_radius
+
+
+@on_both
+def test_zones_begin_at_the_footprint_and_stop_nearer_than_they_slow_down(description):
+    base = description.base
+    zones = {zone.name: zone for zone in base.zones}
+    for way, motion, sign in (("ahead", "forward", 1.0), ("behind", "backward", -1.0)):
+        end = (sign * base.footprint[:, 0]).max()
+        stop, slow = zones[f"stop {way}"], zones[f"slow {way}"]
+        assert stop.motions == slow.motions == (motion,)
+        assert stop.speed == 0.0 < slow.speed
+        for zone, reach in ((stop, 0.12), (slow, 0.50)):
+            ahead = sign * zone.polygon[:, 0]
+            assert (ahead.min(), ahead.max()) == pytest.approx((end, end + reach))
+            assert np.ptp(zone.polygon[:, 1]) == pytest.approx(np.ptp(base.footprint[:, 1]))

@@ -36,7 +36,7 @@ def result_of(action: Action[Any, Any], goal: Any, targets: tuple[HangTarget, ..
     given = {
         "ScanVine": {"scan": None}, "FindDeploymentPoints": {"targets": targets}, "CheckFeeder": {"level": 0},
         "ApproachSpur": {"approached": target}, "ServoToSpur": {"refined": target},
-        "LowerOntoTarget": {"reached": target},
+        "LowerOntoTarget": {"reached": target}, "BackOff": {"backed_m": 0.6},
     }  # fmt: skip
     return action.result_type(**given.get(action.name, {}))
 
@@ -120,3 +120,23 @@ def test_a_first_stop_that_serves_is_the_only_one(bench: Bench) -> None:
     play = Play(bench, {}, (spur(0.3),), "plant")
     assert play.names("DriveToPlant", "ScanVine", "CheckDeployment") == ["DriveToPlant", "ScanVine", "CheckDeployment"]
     assert outcome(bench)[0] == "deployed"
+
+
+def test_a_blocked_way_is_tried_again_after_the_robot_gave_way(bench: Bench) -> None:
+    play = Play(bench, {"DriveToPlant": [Reason.BLOCKED]}, (spur(0.3),), "plant")
+    assert play.names("DriveToPlant", "BackOff", "Wait", "ScanVine") == [
+        "DriveToPlant", "BackOff", "Wait", "DriveToPlant", "ScanVine",
+    ]  # fmt: skip
+    assert outcome(bench)[0] == "deployed"
+
+
+def test_a_plant_whose_way_stays_blocked_is_skipped_with_that_reason(bench: Bench) -> None:
+    script = {"DriveToPlant": [Reason.BLOCKED] * 9, "BackOff": [Reason.BLOCKED]}
+    play = Play(bench, script, (spur(0.3),), "plant")
+    assert play.names("DriveToPlant", "BackOff", "Wait") == ["DriveToPlant", "BackOff", "Wait", "DriveToPlant"]
+    assert outcome(bench) == ("skipped", "blocked")
+
+
+def test_a_stop_from_which_nothing_is_reached_needs_no_giving_way(bench: Bench) -> None:
+    play = Play(bench, {"ApproachSpur": [Reason.UNREACHABLE] * 9}, (spur(0.3),), "plant")
+    assert not play.names("BackOff", "Wait")

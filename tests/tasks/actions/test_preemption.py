@@ -107,6 +107,7 @@ class Case:
 CASES = {
     "ApproachNail": Case(lambda bench, task: {"plant": "n0"}, ("arm",)),
     "ApproachSpur": Case(lambda bench, task: {"target": task.spur_target(bench)}, ("arm",)),
+    "BackOff": Case(nothing, ("base",)),
     "CalibrateArm": Case(nothing, ("arm", "gripper")),
     "CheckDeployment": Case(before_nail),
     "CheckFeeder": Case(arm_away, ("arm", "gripper")),
@@ -132,7 +133,9 @@ CASES = {
     "ServoToSpur": Case(before_spur, ("arm",)),
     "SettleAccount": Case(holding),
     "SkipPlants": Case(lambda bench, task: {"why": "refill_timeout"}),
+    "Turn": Case(lambda bench, task: {"angle": 1.0}, ("base",)),
     "Unwind": Case(wound, ("arm",)),
+    "Wait": Case(nothing, ("base",)),
     "WaitForLocalization": Case(lost),
     "WaitForRefill": Case(nothing, ("base", "arm", "gripper")),
     "WithdrawHand": Case(cut_off_grasp, ("arm", "gripper")),

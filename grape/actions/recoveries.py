@@ -1,0 +1,160 @@
+"""What a tree can do about a base that does not get on: wait, back off, turn. Each goes through the base's guard."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass
+
+import numpy as np
+
+from grape.actions.base_senses import BaseSenses, base_pose
+from grape.actions.core import Context, Feedback, NoResult, action
+from grape.errors import ActionFailed, GoalRejected, Reason
+from grape.geometry import wrap_angle
+from grape.messages import Array
+from grape.navigation.path import in_frame_of
+from grape.trajectory.online import VelocityLimiter
+
+ACCELERATION = np.array([0.5, 1.0])  # m/s^2, rad/s^2
+HELD_BACK_S = 3.0  # without any motion
+LOOK_AHEAD_M = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class WaitGoal:
+    """Attributes: duration_s: how long to stand."""
+
+    duration_s: float = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class BackOffGoal:
+    """How far to go straight back.
+
+    Attributes:
+        distance: m, over 0 and at most 3.
+        speed: m/s, over 0 and at most 0.3.
+    """
+
+    distance: float = 0.5
+    speed: float = 0.2
+
+
+@dataclass(frozen=True, kw_only=True)
+class BackOffResult:
+    """Attributes: backed_m: how far it went, by the estimate."""
+
+    backed_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnGoal:
+    """How far to turn in place.
+
+    Attributes:
+        angle: rad, positive to the left, at most half a turn.
+        rate: rad/s, over 0 and at most 0.8.
+    """
+
+    angle: float
+    rate: float = 0.5
+
+
+@dataclass(frozen=True, kw_only=True)
+class TurnResult:
+    """Attributes: turned_rad: how far it turned, by the estimate."""
+
+    turned_rad: float
+
+
+@action("Wait")
+def wait(goal: WaitGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
+    """Stands for a while: who is in the way may go."""
+    if not 0.0 <= goal.duration_s < np.inf:
+        raise GoalRejected(f"a finite time from 0 s, got {goal.duration_s}")
+    begun_s = ctx.clock.now()
+    with ctx.base.lease("Wait") as base:
+        while (waited_s := ctx.clock.now() - begun_s) < goal.duration_s:
+            base.send(0.0, 0.0)
+            left_s = goal.duration_s - waited_s
+            yield Feedback(status=f"waiting, {left_s:.0f} s left", progress=waited_s / goal.duration_s)
+    return NoResult()
+
+
+@action("BackOff")
+def back_off(goal: BackOffGoal, ctx: Context) -> Generator[Feedback, None, BackOffResult]:
+    """Goes straight back as far as what is known of the ground behind allows; BLOCKED when something stops it."""
+    if not (0.0 < goal.distance <= 3.0 and 0.0 < goal.speed <= 0.3):
+        raise GoalRejected(f"a distance up to 3 m and a speed up to 0.3 m/s, both over 0, got {goal}")
+    begin = base_pose(ctx)
+
+    def backed() -> float:
+        return -float(in_frame_of(base_pose(ctx), begin)[0])
+
+    yield from _move(ctx, "BackOff", np.array([-goal.speed, 0.0]), backed, goal.distance)
+    return BackOffResult(backed_m=backed())
+
+
+@action("Turn")
+def turn(goal: TurnGoal, ctx: Context) -> Generator[Feedback, None, TurnResult]:
+    """Turns in place; BLOCKED when something stops it."""
+    if not (0.0 < abs(goal.angle) <= np.pi and 0.0 < goal.rate <= 0.8):
+        raise GoalRejected(f"an angle up to half a turn and a rate up to 0.8 rad/s, got {goal}")
+    last, turned = base_pose(ctx)[2], 0.0
+    side = float(np.sign(goal.angle))
+
+    def so_far() -> float:
+        nonlocal last, turned
+        yaw = base_pose(ctx)[2]
+        turned += side * float(wrap_angle(yaw - last))
+        last = yaw
+        return turned
+
+    yield from _move(ctx, "Turn", np.array([0.0, side * goal.rate]), so_far, abs(goal.angle))
+    return TurnResult(turned_rad=side * so_far())
+
+
+def _move(
+    ctx: Context, owner: str, velocity: Array, done: Callable[[], float], wanted: float
+) -> Generator[Feedback, None, None]:
+    """Keeps a velocity (2,) m/s, rad/s, smoothly begun and ended, until `done()` comes to `wanted`.
+
+    Raises:
+        ActionFailed: BLOCKED, when the ground ahead is occupied or the base's guard lets nothing through for a while;
+            STALE_DATA or NOT_LOCALIZED.
+    """
+    senses = BaseSenses(ctx, base_pose(ctx)[None])
+    limits = ctx.robot.description.base
+    limiter = VelocityLimiter(np.array([limits.max_linear, limits.max_angular]), ACCELERATION)
+    speed, acceleration = np.abs(velocity).max(), ACCELERATION[int(np.abs(velocity).argmax())]
+    moved_s = ctx.clock.now()
+    with ctx.base.lease(owner) as base:
+        while (left := wanted - done()) > 1e-3:
+            now = ctx.clock.now()
+            fresh = senses.fresh(now)
+            if fresh:
+                senses.update()
+                _refuse_occupied(senses, velocity)
+            # From this speed it comes to rest in what is left.
+            share = min(1.0, float(np.sqrt(2.0 * 0.7 * acceleration * left)) / speed) if fresh else 0.0
+            command = limiter.step(max(share, 0.1 if fresh else 0.0) * velocity)
+            sent = base.send(float(command[0]), float(command[1]))
+            if sent.linear[0] or sent.angular[2]:
+                moved_s = now
+            else:
+                limiter.reset()
+            if now - moved_s > HELD_BACK_S:
+                raise ActionFailed(Reason.BLOCKED, f"the base is held back, {left:.2f} short of {wanted:.2f}")
+            yield Feedback(status=f"{left:.2f} left", progress=float(min(1.0, max(0.0, 1.0 - left / wanted))))
+
+
+def _refuse_occupied(senses: BaseSenses, velocity: Array) -> None:
+    """Scanners that look ahead do not guard the rear: for that there is the costmap, which has the clouds too."""
+    if senses.local is None or velocity[0] == 0.0:
+        return
+    x, y, yaw = senses.pose()
+    ahead = np.sign(velocity[0]) * np.linspace(0.0, LOOK_AHEAD_M, 5)
+    poses = np.column_stack([x + ahead * np.cos(yaw), y + ahead * np.sin(yaw), np.full(5, yaw)])
+    touched = senses.local.blocked(poses, senses.footprint)
+    if touched[-1] and not touched[0]:
+        raise ActionFailed(Reason.BLOCKED, f"something is within {LOOK_AHEAD_M} m behind the base")

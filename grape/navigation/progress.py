@@ -1,0 +1,66 @@
+"""Progress checker: whether a base that should come nearer to its goal does.
+
+Source: Nav2 progress checker, with the way left along the path instead of the distance moved.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProgressOptions:
+    """Patience in seconds.
+
+    Args:
+        step: m by which the way left must shrink to count.
+        stuck_s: with free way, but without coming nearer.
+        blocked_s: with something in the way that does not go.
+    """
+
+    step: float = 0.02
+    stuck_s: float = 12.0
+    blocked_s: float = 15.0
+
+
+@dataclass(kw_only=True)
+class ProgressChecker:
+    """Watches the way left.
+
+    Attributes:
+        free_s: time at which the way was free last.
+    """
+
+    begun_s: float
+    options: ProgressOptions = field(default_factory=ProgressOptions)
+    free_s: float = field(init=False)
+    _nearest: float = field(init=False, default=np.inf)
+    _nearer_s: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.free_s = self._nearer_s = self.begun_s
+
+    def restart(self, now: float) -> None:
+        """Begin with another path."""
+        self._nearest, self._nearer_s = np.inf, now
+
+    def update(self, now: float, left: float, *, blocked: bool, excused: bool) -> None:
+        """Take note of the way left (m); `excused` is a manoeuvre that need not come nearer."""
+        if left < self._nearest - self.options.step or excused:
+            self._nearest, self._nearer_s = left, now
+        if not blocked:
+            self.free_s = now
+
+    def blocked_for(self, now: float) -> float:
+        """Seconds since the way was free."""
+        return now - self.free_s
+
+    def stuck(self, now: float) -> bool:
+        """Whether the way was free and the base came no nearer for too long."""
+        return self.free_s == now and now - self._nearer_s > self.options.stuck_s
+
+    def given_up(self, now: float) -> bool:
+        """Whether something has been in the way for too long."""
+        return self.blocked_for(now) > self.options.blocked_s

@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+from grape.navigation.progress import ProgressChecker, ProgressOptions
+
+OPTIONS = ProgressOptions(step=0.02, stuck_s=5.0, blocked_s=3.0)
+
+
+def checker() -> ProgressChecker:
+    return ProgressChecker(begun_s=10.0, options=OPTIONS)
+
+
+def drive(progress: ProgressChecker, until: float, left, *, begin: float = 10.0, blocked=False, excused=False) -> None:
+    """Updates ten times a second; `left` is a function of time."""
+    for k in range(1, round(10 * (until - begin)) + 1):
+        now = begin + 0.1 * k
+        progress.update(now, left(now), blocked=blocked, excused=excused)
+
+
+def test_coming_nearer_is_progress_however_slowly():
+    progress = checker()
+    drive(progress, 40.0, lambda t: 5.0 - 0.01 * t)
+    assert not progress.stuck(40.0) and not progress.given_up(40.0)
+
+
+def test_wheels_that_spin_are_noticed_after_a_while():
+    progress = checker()
+    drive(progress, 14.0, lambda t: 5.0)
+    assert not progress.stuck(14.0)
+    drive(progress, 16.0, lambda t: 5.0 + 0.01 * (t % 1), begin=14.0)
+    assert progress.stuck(16.0)
+
+
+def test_manoeuvre_and_new_path_begin_the_patience_anew():
+    progress = checker()
+    drive(progress, 20.0, lambda t: 5.0, excused=True)
+    assert not progress.stuck(20.0)
+    drive(progress, 24.0, lambda t: 5.0, begin=20.0)
+    progress.restart(24.0)
+    drive(progress, 26.0, lambda t: 9.0, begin=24.0)
+    assert not progress.stuck(26.0)
+
+
+def test_who_is_blocked_waits_and_then_gives_up():
+    progress = checker()
+    drive(progress, 12.9, lambda t: 5.0, blocked=True)
+    assert 2.8 < progress.blocked_for(12.9) < 3.0 and not progress.given_up(12.9) and not progress.stuck(12.9)
+    drive(progress, 13.2, lambda t: 5.0, begin=12.9, blocked=True)
+    assert progress.given_up(13.2)
+    progress.update(13.3, 4.9, blocked=False, excused=False)
+    assert progress.blocked_for(13.3) == 0.0
