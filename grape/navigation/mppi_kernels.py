@@ -176,7 +176,7 @@ def _advance(bases: Bases, ahead: Array, headings: Array, most: int) -> None:
 
 
 @njit(cache=True, fastmath=True, forceinline=True)
-def _squared(ahead: Array, k: int, x: float, y: float) -> float:
+def _squared(ahead: Array, k: np.uint64, x: float, y: float) -> float:
     return (ahead[k, 0] - x) ** 2 + (ahead[k, 1] - y) ** 2
 
 
