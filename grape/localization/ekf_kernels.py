@@ -13,6 +13,7 @@ from grape.messages import Array
 
 __all__ = ["DIRECT", "advance", "correct", "flatten", "fuse", "observe", "predict", "rotation", "usable"]
 
+MOVED = 9  # states that a step changes: position, attitude and velocity
 LEAST_COS_PITCH = 1e-3  # Euler angles end at pitch 90 degrees; short of it the rates stay finite
 
 
@@ -22,53 +23,72 @@ def predict(x: Array, P: Array, noise: Array, motion_noise: Array, turn_noise: A
 
     The process noise grows with time (`noise`, per s), way (`motion_noise`, per m) and turning (`turn_noise`, per rad).
     """
-    R = rotation(x[3], x[4], x[5])
-    cr, sr = np.cos(x[3]), np.sin(x[3])
-    cp, tp = np.cos(x[4]), np.tan(x[4])
-    if abs(cp) < LEAST_COS_PITCH:
-        cp = LEAST_COS_PITCH
-        tp = np.sin(x[4]) / cp
-    step = x[6:9] * dt + 0.5 * dt * dt * x[12:15]
-    F = np.eye(N)
-    F[0:3, 3:6] = rotated_by_rpy(R, x[3], step)
-    F[0:3, 6:9] = R * dt
-    F[0:3, 12:15] = R * (0.5 * dt * dt)
-    # Euler angle rates: rpy' = E(roll, pitch) w
-    wy, wz = x[10], x[11]
-    turn = sr * wy + cr * wz
-    F[3, 9], F[3, 10], F[3, 11] = dt, sr * tp * dt, cr * tp * dt
-    F[4, 10], F[4, 11] = cr * dt, -sr * dt
-    F[5, 10], F[5, 11] = sr / cp * dt, cr / cp * dt
-    F[3, 3] += (cr * wy - sr * wz) * tp * dt
-    F[3, 4] += turn / (cp * cp) * dt
-    F[4, 3] += -turn * dt
-    F[5, 3] += (cr * wy - sr * wz) / cp * dt
-    F[5, 4] += turn * tp / cp * dt
-    y = x.copy()
-    for i in range(3):
-        y[i] += R[i, 0] * step[0] + R[i, 1] * step[1] + R[i, 2] * step[2]
-        y[6 + i] += x[12 + i] * dt
-        F[6 + i, 12 + i] = dt
-    y[3] = wrap(x[3] + (x[9] + turn * tp) * dt)
-    y[4] = wrap(x[4] + (cr * wy - sr * wz) * dt)
-    y[5] = wrap(x[5] + turn / cp * dt)
+    y, F = _moved(x, dt)
+    Q = _spread(P, F)
     speed, rate = np.sqrt(x[6] ** 2 + x[7] ** 2), abs(x[11])
-    A, Qt = np.zeros((N, N)), np.zeros((N, N))
-    for i in range(N):
-        for k in range(N):
-            if F[i, k] != 0.0:
-                for j in range(N):
-                    A[i, j] += F[i, k] * P[k, j]
-    At = A.T.copy()  # the transposed product, so that innermost loops run along rows
-    for j in range(N):
-        for k in range(N):
-            if F[j, k] != 0.0:
-                for i in range(N):
-                    Qt[j, i] += At[k, i] * F[j, k]
-    Q = Qt.T.copy()
     for i in range(N):
         Q[i, i] += (noise[i] + motion_noise[i] * speed + turn_noise[i] * rate) * dt
     return y, Q
+
+
+@njit(cache=True)
+def _moved(x: Array, dt: float) -> tuple[Array, Array]:
+    """The mean after `dt` seconds, and the rows (9, 15) of its Jacobian that differ from the identity."""
+    R = rotation(x[3], x[4], x[5])
+    cr, sr, cp, sp = np.cos(x[3]), np.sin(x[3]), np.cos(x[4]), -R[2, 0]
+    if abs(cp) < LEAST_COS_PITCH:
+        cp = LEAST_COS_PITCH
+    tp = sp / cp
+    y, F, step = x.copy(), np.zeros((MOVED, N)), np.empty(3)
+    for i in range(3):
+        step[i] = x[6 + i] * dt + 0.5 * dt * dt * x[12 + i]
+    D = rotated_by_rpy(R, x[3], step)
+    for i in range(3):
+        F[i, i] = F[3 + i, 3 + i] = F[6 + i, 6 + i] = 1.0
+        y[6 + i] += x[12 + i] * dt
+        F[6 + i, 12 + i] = dt
+        for j in range(3):
+            y[i] += R[i, j] * step[j]
+            F[i, 3 + j], F[i, 6 + j], F[i, 12 + j] = D[i, j], R[i, j] * dt, R[i, j] * (0.5 * dt * dt)
+    # Euler angle rates: rpy' = E(roll, pitch) w
+    turn, across = sr * x[10] + cr * x[11], cr * x[10] - sr * x[11]
+    F[3, 9], F[3, 10], F[3, 11] = dt, sr * tp * dt, cr * tp * dt
+    F[4, 10], F[4, 11] = cr * dt, -sr * dt
+    F[5, 10], F[5, 11] = sr / cp * dt, cr / cp * dt
+    F[3, 3] += across * tp * dt
+    F[3, 4] += turn / (cp * cp) * dt
+    F[4, 3] -= turn * dt
+    F[5, 3] += across / cp * dt
+    F[5, 4] += turn * tp / cp * dt
+    y[3] = wrap(x[3] + (x[9] + turn * tp) * dt)
+    y[4] = wrap(x[4] + across * dt)
+    y[5] = wrap(x[5] + turn / cp * dt)
+    return y, F
+
+
+@njit(cache=True)
+def _spread(P: Array, F: Array) -> Array:
+    """The symmetric P (15, 15) after a step whose Jacobian has the rows F (9, 15) and then those of the identity."""
+    Q = P.copy()
+    for i in range(MOVED):
+        row = np.zeros(N)
+        for k in range(N):
+            f = F[i, k]
+            if f != 0.0:
+                for j in range(N):
+                    row[j] += f * P[k, j]
+        Q[i] = row
+    Ft = F.T.copy()  # so that innermost loops run along rows
+    for i in range(MOVED):
+        row, block = Q[i].copy(), np.zeros(MOVED)
+        for k in range(N):
+            for j in range(MOVED):
+                block[j] += row[k] * Ft[k, j]
+        for j in range(i + 1):
+            Q[i, j] = Q[j, i] = block[j]
+        for j in range(MOVED, N):
+            Q[j, i] = row[j]
+    return Q
 
 
 @njit(cache=True)
@@ -132,43 +152,56 @@ def correct(
     for k in range(m):
         if 3 <= index[k] < 6:
             innovation[k] = wrap(innovation[k])
-    PHt = np.zeros((N, m))
+    HP, S = np.zeros((m, N)), R.copy()
     for k in range(m):
         for j in range(N):
             if H[k, j] != 0.0:
                 for i in range(N):
-                    PHt[i, k] += P[i, j] * H[k, j]
-    S = R.copy()
-    for k in range(m):
-        for n in range(m):
-            for j in range(N):
-                S[k, n] += H[k, j] * PHt[j, n]
-    L = np.linalg.cholesky(0.5 * (S + S.T))
-    # K S K^T = B B^T and K y = B u, with B = P H^T L^-T and u = L^-1 y
-    B, u = PHt.copy(), innovation.copy()
-    for k in range(m):
-        for n in range(k):
-            u[k] -= L[k, n] * u[n]
-            for i in range(N):
-                B[i, k] -= B[i, n] * L[k, n]
-        u[k] /= L[k, k]
-        for i in range(N):
-            B[i, k] /= L[k, k]
-    distance = 0.0
-    for k in range(m):
-        distance += u[k] * u[k]
-    distance = np.sqrt(distance)
+                    HP[k, i] += H[k, j] * P[j, i]
+    for n in range(m):
+        for j in range(N):
+            if H[n, j] != 0.0:
+                for k in range(m):
+                    S[k, n] += HP[k, j] * H[n, j]
+    distance = _whitened(S, HP, innovation)
     if distance > gate:
         return x, P, distance
-    y, C, Bt = x.copy(), P.copy(), B.T.copy()
-    for i in range(N):
-        for k in range(m):
-            y[i] += B[i, k] * u[k]
+    y, C = x.copy(), P.copy()
+    for k in range(m):
+        row = HP[k]
+        for i in range(N):
+            gain = row[i]
+            y[i] += gain * innovation[k]
             for j in range(N):
-                C[i, j] -= B[i, k] * Bt[k, j]
+                C[i, j] -= gain * row[j]
     for i in range(3, 6):
         y[i] = wrap(y[i])
-    return y, 0.5 * (C + C.T), distance
+    return y, C, distance
+
+
+@njit(cache=True)
+def _whitened(S: Array, HP: Array, innovation: Array) -> float:
+    """Puts L^-1 before HP (m, 15) and the innovation y (m,), in place, with S = L L^T; returns the length of L^-1 y.
+
+    Then K S K^T = (L^-1 H P)^T (L^-1 H P), and K y = (L^-1 H P)^T (L^-1 y). Only the lower half of S is read, and it
+    becomes L.
+    """
+    squared = 0.0
+    for k in range(S.shape[0]):
+        for n in range(k):
+            for j in range(n):
+                S[k, n] -= S[k, j] * S[n, j]
+            factor = S[k, n] = S[k, n] / S[n, n]
+            S[k, k] -= factor * factor
+            innovation[k] -= factor * innovation[n]
+            for i in range(N):
+                HP[k, i] -= factor * HP[n, i]
+        root = S[k, k] = np.sqrt(S[k, k])
+        innovation[k] /= root
+        for i in range(N):
+            HP[k, i] /= root
+        squared += innovation[k] * innovation[k]
+    return np.sqrt(squared)
 
 
 @njit(cache=True)

@@ -77,7 +77,7 @@ class Mppi(TrackingPlanner):
 
     def search(self, situation: Situation, memory: Array | None, steps: int) -> Wish:
         """See `TrackingPlanner.search`; the memory is the mean sequence (steps, 2)."""
-        from grape.navigation.mppi_kernels import average, rollouts
+        from grape.navigation.mppi_kernels import Prices, average, rollouts
 
         o, motion = self.search_options, self.options
         plan = self._shifted(memory, situation)
@@ -91,10 +91,8 @@ class Mppi(TrackingPlanner):
                 motion.turn_acceleration * o.period,
             ]
         )
-        weights = np.array(
-            [o.lateral, o.heading, o.speed, o.progress, o.steering, o.near, o.margin, o.contact, o.period, o.loose]
-        )
-        first = (steps * 7919) % len(self._noise)
+        prices = Prices(*(getattr(o, name) for name in Prices._fields))
+        first = (steps * 7919) % self._noise.shape[2]
         costs, controls = rollouts(
             self._noise,
             first,
@@ -103,7 +101,7 @@ class Mppi(TrackingPlanner):
             situation.pose,
             situation.velocity,
             limits,
-            weights,
+            prices,
             situation.ahead,
             situation.field,
             situation.frame,
@@ -123,10 +121,10 @@ class Mppi(TrackingPlanner):
 
 
 def _coloured(options: MppiOptions, rng: np.random.Generator) -> Array:
-    """(2 samples, steps, 2) float32 noise on v (m/s) and w (rad/s), each step correlated with the one before."""
+    """(2, steps, 2 samples) float32 noise on v (m/s) and w (rad/s), each step correlated with the one before."""
     white = rng.standard_normal((2 * options.samples, options.steps, 2)).astype(np.float32)
     a = np.float32(options.correlation)
     b = np.float32(np.sqrt(1.0 - a * a))
     for k in range(1, options.steps):
         white[:, k] = a * white[:, k - 1] + b * white[:, k]
-    return np.ascontiguousarray(white * np.array([options.v_sigma, options.w_sigma], dtype=np.float32))
+    return np.ascontiguousarray((white * np.array([options.v_sigma, options.w_sigma], dtype=np.float32)).T)
