@@ -123,6 +123,7 @@ class TrackingPlanner(PurePursuit):
     def _ahead(self, path: Path, since: float, until: float, turned: float, pose: Array) -> Array:
         """The piece of path ahead, at most to the goal, with the speeds that goal, bends and being astray allow."""
         options = self.options
+        since = min(since, path.length - 0.05)  # a leap of the estimate may have led to the goal: two poses at least
         along = np.arange(since, min(until, path.length) + 0.025, 0.05)
         k = np.clip(np.searchsorted(path.distance, along, side="right") - 1, 0, len(path.poses) - 2)
         share = (along - path.distance[k]) / (path.distance[k + 1] - path.distance[k])

@@ -122,6 +122,14 @@ def test_robot_facing_the_wrong_way_turns_on_the_spot_first(name):
 
 
 @planners
+def test_estimate_that_leaps_to_the_goal_is_driven_on_from_there(name):
+    costmap, path = layered_costmap(SPEC, []), along_x(end=1.0)
+    step = PLANNERS[name]().step(FollowerState(travelled=0.3), path, [0.995, 0.1, 0.0], np.zeros(2), costmap, DT)
+    assert np.isfinite([step.v, step.w]).all() and step.state.phase is not Phase.FAILED
+    assert abs(step.v) <= 0.8 and step.state.travelled == pytest.approx(0.995)
+
+
+@planners
 def test_pose_that_is_not_finite_is_refused(name):
     with pytest.raises(InvalidInput):
         PLANNERS[name]().step(
