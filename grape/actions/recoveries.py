@@ -1,4 +1,7 @@
-"""What a tree can do about a base that does not get on: wait, back off, turn. Each goes through the base's guard."""
+"""What a tree can do about a base that does not get on: wait, back off, turn, leave a fence.
+
+Each goes through the base's guard.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +12,19 @@ import numpy as np
 
 from grape.actions.base_senses import BaseSenses, base_pose
 from grape.actions.core import Context, Feedback, NoResult, action
+from grape.actions.shortest_way import footprint_of
 from grape.errors import ActionFailed, GoalRejected, Reason
 from grape.geometry import wrap_angle
 from grape.messages import Array
+from grape.navigation.fence_guard import FenceGuard
 from grape.navigation.path import in_frame_of
 from grape.trajectory.online import VelocityLimiter
 
 ACCELERATION = np.array([0.5, 1.0])  # m/s^2, rad/s^2
 HELD_BACK_S = 3.0  # without any motion
 LOOK_AHEAD_M = 0.2
+RADII = np.array([np.inf, 1.0, -1.0, 0.6, -0.6])  # m, of the ways out of a fence; the first is straight
+BEYOND_S = 0.5  # more than a way out should take, before it is taken twice
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +74,13 @@ class TurnResult:
     turned_rad: float
 
 
+@dataclass(frozen=True, kw_only=True)
+class LeaveFenceGoal:
+    """Attributes: speed: m/s, over 0 and at most 0.3."""
+
+    speed: float = 0.3
+
+
 @action("Wait")
 def wait(goal: WaitGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
     """Stands for a while: who is in the way may go."""
@@ -112,6 +126,37 @@ def turn(goal: TurnGoal, ctx: Context) -> Generator[Feedback, None, TurnResult]:
 
     yield from _move(ctx, "Turn", np.array([0.0, side * goal.rate]), so_far, abs(goal.angle))
     return TurnResult(turned_rad=side * so_far())
+
+
+@action("LeaveFence")
+def leave_fence(goal: LeaveFenceGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
+    """Drives out of a fence that the base has come to stand in, pushed or by a better estimate; nothing to do outside.
+
+    Of straight ways, arcs and turns on the spot, forward and back, it takes the one that is out first; FENCE when none
+    of them is, or when the way was not as long as it seemed.
+    """
+    if not 0.0 < goal.speed <= 0.3:
+        raise GoalRejected(f"a speed over 0 and up to 0.3 m/s, got {goal.speed}")
+    footprint = footprint_of(ctx.robot.description.base.footprint)
+    fences = FenceGuard([fence.polygon for fence in ctx.world.site.fences], footprint)
+    begin = base_pose(ctx)
+    if not fences.stands_in(begin):
+        return NoResult()
+    commands = [np.array([v, w]) for v in (goal.speed, -goal.speed) for w in v / RADII]
+    commands += [np.array([0.0, w]) for w in (0.3, -0.3)]
+    times = [fences.way_out_s(*command, begin) for command in commands]
+    best = int(np.argmin(times))
+    if not np.isfinite(times[best]):
+        raise ActionFailed(Reason.FENCE, f"no short way out of the fence at ({begin[0]:.2f}, {begin[1]:.2f})")
+    begun_s, patience_s = ctx.clock.now(), 2.0 * (times[best] + BEYOND_S)
+    with ctx.base.lease("LeaveFence") as base:
+        while ctx.clock.now() - begun_s < patience_s and fences.stands_in(base_pose(ctx)):
+            base.send(*commands[best].tolist())  # judged by its way out, which a slow start would not show
+            yield Feedback(status=f"leaving a fence, {ctx.clock.now() - begun_s:.1f} s")
+    if fences.stands_in(pose := base_pose(ctx)):
+        raise ActionFailed(Reason.FENCE, f"still in the fence at ({pose[0]:.2f}, {pose[1]:.2f})")
+    ctx.log.event("recovery", how="leave fence", why=f"stood in one at ({begin[0]:.2f}, {begin[1]:.2f})")
+    return NoResult()
 
 
 def _move(

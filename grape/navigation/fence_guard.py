@@ -53,12 +53,24 @@ class FenceGuard:
         if not near:
             return 1.0
         if self._touched(near, pose[None])[0]:
-            return 1.0 if self._leads_out(near, v, w, pose) else 0.0
+            return 1.0 if np.isfinite(self.way_out_s(v, w, pose)) else 0.0
         for factor in (1.0, 0.5, 0.25):
             # Whoever is outside comes in over an edge.
             if not self._crossed(near, self._sweep(factor * v, factor * w, pose)).any():
                 return factor
         return 0.0
+
+    def stands_in(self, pose: Array) -> bool:
+        """Whether the footprint at `pose` (3,) x y yaw in map is on a polygon."""
+        return bool(self._touched(self._near(pose, 0.0), pose[None])[0])
+
+    def way_out_s(self, v: float, w: float, pose: Array) -> float:
+        """After how many s a command leads a footprint that is in a fence out, to stay out; inf: not in `leave_s`."""
+        poses = _along(v, w, pose, self.options.leave_s)
+        touched = self._touched(self._near(pose, abs(v) * self.options.leave_s), poses)
+        if touched[-1] or (np.diff(touched.astype(int)) > 0).any():
+            return np.inf
+        return self.options.leave_s * int(touched.sum()) / (len(poses) - 1)
 
     def _near(self, pose: Array, travel: float) -> list[Array]:
         reach = self._print.circumscribed + travel
@@ -70,13 +82,10 @@ class FenceGuard:
         options = self.options
         return _along(v, w, pose, options.react_s + max(abs(v), abs(w)) / options.deceleration)
 
-    def _leads_out(self, polygons: list[Array], v: float, w: float, pose: Array) -> bool:
-        """Whether the footprint comes out within `leave_s`, and stays out."""
-        touched = self._touched(polygons, _along(v, w, pose, self.options.leave_s))
-        return bool(not touched[-1] and (np.diff(touched.astype(int)) <= 0).all())
-
     def _touched(self, polygons: list[Array], poses: Array) -> Array:
         """Which of the poses (n, 3) put the footprint on a polygon: (n,) bool."""
+        if not polygons:
+            return np.zeros(len(poses), bool)
         touched = self._crossed(polygons, poses)
         for polygon in polygons:
             touched |= in_polygon(poses[:, :2], polygon)

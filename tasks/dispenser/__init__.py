@@ -5,7 +5,7 @@ from pathlib import Path
 import grape.trees
 from grape.actions.drive_to_pose import drive_to_pose
 from grape.actions.move_arm import move_arm_to_named
-from grape.actions.recoveries import back_off, turn, wait
+from grape.actions.recoveries import back_off, leave_fence, turn, wait
 from grape.actions.retract import retract
 from grape.actions.unwind import unwind
 from grape.actions.wait_for_localization import wait_for_localization
@@ -67,6 +67,7 @@ TASK = Task(
         grasp_dispenser,
         hang_dispenser,
         holds_dispenser,
+        leave_fence,
         lower_onto_target,
         move_arm_to_named,
         next_plant,

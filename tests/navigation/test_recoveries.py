@@ -9,7 +9,16 @@ import numpy as np
 import pytest
 
 from grape.actions import core
-from grape.actions.recoveries import BackOffGoal, TurnGoal, WaitGoal, back_off, turn, wait
+from grape.actions.recoveries import (
+    BackOffGoal,
+    LeaveFenceGoal,
+    TurnGoal,
+    WaitGoal,
+    back_off,
+    leave_fence,
+    turn,
+    wait,
+)
 from grape.drivers import Drivers
 from grape.errors import ActionFailed, GoalRejected, Reason, StaleData
 from grape.geodesy import Datum
@@ -56,7 +65,7 @@ class Bench:
             scans={"front_laser": laser}, clouds={"velodyne": cloud},
         )  # fmt: skip
         self.told: list[str] = []  # zones by which the guard decided
-        log: Any = SimpleNamespace(event=lambda kind, **fields: self.told.append(fields["zone"]))
+        log: Any = SimpleNamespace(event=lambda kind, **fields: self.told.append(fields.get("zone", kind)))
         areas = tuple(Area(id=f"fence {k}", polygon=polygon) for k, polygon in enumerate(fences))
         world = World(site=replace(SITE, fences=areas))
         self.ctx = core.Context(
@@ -158,6 +167,7 @@ def test_waiting_stands_for_its_time_and_tells_how_long(bench):
         lambda ctx: back_off(BackOffGoal(speed=0.9), ctx),
         lambda ctx: turn(TurnGoal(angle=4.0), ctx),
         lambda ctx: turn(TurnGoal(angle=0.0), ctx),
+        lambda ctx: leave_fence(LeaveFenceGoal(speed=0.5), ctx),
     ],
 )
 def test_impossible_goals_are_rejected_before_anything_moves(bench, generator):
@@ -262,3 +272,35 @@ def test_without_a_pose_nothing_moves(bench):
     with pytest.raises(ActionFailed) as failed:
         bench.run(back_off(BackOffGoal(), bench.ctx))
     assert failed.value.reason is Reason.NOT_LOCALIZED and bench.sent == []
+
+
+def on_fence(bench: Bench, fence: Array) -> bool:
+    front, left = DESCRIPTION.base.footprint.max(axis=0)
+    return polygons_touch(Footprint(front=front, rear=front, half_width=left).corners(bench.pose), fence)
+
+
+@pytest.mark.parametrize(
+    "pose", [(-3.0, -2.0, 0.0), (-3.0, -2.0, np.pi), (-2.87, -2.0, 0.5 * np.pi), (-3.0, -2.0, 0.3)]
+)
+def test_robot_that_was_pushed_over_a_fence_leaves_it_and_comes_no_deeper(pose):
+    fence = np.array([[-2.55, -9.0], [-2.45, -9.0], [-2.45, 9.0], [-2.55, 9.0]])
+    bench = Bench(fence)
+    bench.pose = np.array(pose)
+    bench.estimate()
+    stood_in = [on_fence(bench, fence)]
+    bench.run(leave_fence(LeaveFenceGoal(), bench.ctx), lambda now: stood_in.append(on_fence(bench, fence)))
+    assert stood_in[0] and not on_fence(bench, fence)
+    assert sorted(stood_in, reverse=True) == stood_in, "once out it stays out"
+    assert np.hypot(*(bench.pose[:2] - pose[:2])) < 1.2 and bench.stops == 1
+
+
+def test_robot_outside_of_all_fences_has_none_to_leave():
+    bench = Bench(np.array([[-2.4, -9.0], [-2.3, -9.0], [-2.3, 9.0], [-2.4, 9.0]]))
+    assert list(leave_fence(LeaveFenceGoal(), bench.ctx)) == [] and bench.sent == []
+
+
+def test_robot_deep_in_a_fence_says_so_and_stands():
+    bench = Bench(np.array([[-9.0, -9.0], [9.0, -9.0], [9.0, 9.0], [-9.0, 9.0]]))
+    with pytest.raises(ActionFailed) as failed:
+        bench.run(leave_fence(LeaveFenceGoal(), bench.ctx))
+    assert failed.value.reason is Reason.FENCE and bench.sent == []

@@ -15,7 +15,7 @@ from paper_robot import Bench
 from grape.actions.core import Outcome
 from grape.errors import ActionFailed, LeaseRevoked
 from grape.robots.husky_jaco2 import DESCRIPTION
-from grape.site import RefillPoint
+from grape.site import Area, RefillPoint
 from grape.tasks.dispenser import TASK
 from grape.tasks.dispenser.actions.grasp_dispenser import GraspDispenserGoal, grasp_dispenser
 from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, scan_vine
@@ -53,6 +53,12 @@ def refill_point(bench: Bench, task: Any) -> dict[str, Any]:
 
 def down_the_row(bench: Bench, task: Any) -> dict[str, Any]:
     return {"x": float(bench.base.pose[0]) + 2.0, "y": float(bench.base.pose[1]), "yaw": 0.0}
+
+
+def in_a_fence(bench: Bench, task: Any) -> dict[str, Any]:
+    beside = bench.base.pose[:2] + np.array([[-9.0, 0.3], [9.0, 0.3], [9.0, 0.4], [-9.0, 0.4]])
+    bench.world.site = replace(bench.site, fences=(Area(id="fence", polygon=beside),))
+    return {}
 
 
 def at_feeder(bench: Bench, task: Any, height: float = VIEW_M) -> dict[str, Any]:
@@ -121,6 +127,7 @@ CASES = {
     "GraspDispenser": Case(lambda bench, task: at_feeder(bench, task, 0.0), ("arm", "gripper")),
     "HangDispenser": Case(lambda bench, task: before_nail(bench, task, 0.0), ("arm", "gripper")),
     "HoldsDispenser": Case(holding),
+    "LeaveFence": Case(in_a_fence, ("base",)),
     "LowerOntoTarget": Case(before_spur, ("arm",)),
     "MoveArmToNamed": Case(lambda bench, task: {"pose": "home"}, ("arm",)),
     "NextPlant": Case(nothing),
