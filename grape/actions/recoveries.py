@@ -144,7 +144,7 @@ def leave_fence(goal: LeaveFenceGoal, ctx: Context) -> Generator[Feedback, None,
         return NoResult()
     commands = [np.array([v, w]) for v in (goal.speed, -goal.speed) for w in v / RADII]
     commands += [np.array([0.0, w]) for w in (0.3, -0.3)]
-    times = [fences.way_out_s(*command, begin) for command in commands]
+    times = [fences.way_out_s(v, w, begin) for v, w in commands]
     best = int(np.argmin(times))
     if not np.isfinite(times[best]):
         raise ActionFailed(Reason.FENCE, f"no short way out of the fence at ({begin[0]:.2f}, {begin[1]:.2f})")
