@@ -45,6 +45,7 @@ class World:
     frames: FrameTree = field(default_factory=FrameTree)
     odometry: Odometry | None = None  # estimate of base_link in map
     localized: bool = False  # whether that estimate is good enough to drive by
+    estimates: dict[str, Array] = field(default_factory=dict)  # by source: others, (3,) x y yaw in map, to look at
     arm: JointState | None = None  # joint angles less `encoder_offsets`
     encoder_offsets: Array | None = None  # (n,) rad by which the arm's encoders tell too much; None: not calibrated
     gripper: GripperState | None = None

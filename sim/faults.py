@@ -33,10 +33,11 @@ class FreezeSensor:
 
 @dataclass(frozen=True, kw_only=True)
 class GnssJump:
-    """GNSS positions are off by `bias` (3,) m, in float mode, for a while."""
+    """GNSS positions are off by `bias` (3,) m for a while, in float mode, or as a fix that is a wrong one."""
 
     bias: Array
     duration_s: float = 10.0
+    wrong_fix: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +58,7 @@ def fault_record(fault: Fault) -> dict[str, Any]:
 
 def repeat_fault(record: dict[str, Any], physics: Physics, drivers: SimulatedDrivers) -> None:
     """Let a recorded fault begin again in a world that is brought back; what it moved then is in the state."""
-    fields = {name: value for name, value in record.items() if name not in ("fault", "step")}
+    fields = {name: value for name, value in record.items() if name not in ("fault", "step", "planned")}
     match record["fault"]:
         case "FreezeSensor":
             apply_fault(FreezeSensor(**fields), physics, drivers)
@@ -82,9 +83,9 @@ def apply_fault(fault: Fault, physics: Physics, drivers: SimulatedDrivers) -> No
                 known = ", ".join(drivers.sensors)
                 raise InvalidInput(f"no sensor {name!r}; allowed: {known}; {did_you_mean(name, drivers.sensors)}")
             drivers.sensors[name].freeze(frozen)
-        case GnssJump(bias=bias, duration_s=duration_s):
+        case GnssJump(bias=bias, duration_s=duration_s, wrong_fix=wrong_fix):
             now = physics.clock.now()
-            drivers.gnss.jump(bias, now, now + duration_s)
+            drivers.gnss.jump(bias, now, now + duration_s, wrong_fix=wrong_fix)
         case CameraGlare(glare=glare):
             drivers.camera.set_glare(glare)
 

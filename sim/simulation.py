@@ -34,6 +34,7 @@ class SimulationOptions:
     arm_pose: str = "travel"
     settle_s: float = 1.0  # of physics before time 0
     sensors: SensorOptions = field(default_factory=SensorOptions)
+    faults: tuple[tuple[float, Fault], ...] = ()  # what goes wrong by itself, and at what time, s
 
 
 class Simulation:
@@ -73,6 +74,8 @@ class Simulation:
         self.referee = Referee(self._physics, world, robot, self._walkers)
         self._renderers: dict[tuple[int, int], Renderer] = {}
         self._checkpoint: Checkpoint | None = None
+        self._planned = sorted(self.options.faults, key=lambda planned: planned[0])
+        self._begun = 0  # of them
 
     @property
     def clock(self) -> SimulatedClock:
@@ -90,6 +93,7 @@ class Simulation:
         Raises:
             DriverError: the physics has diverged; the mission must end.
         """
+        self._go_wrong()
         for _ in range(steps):
             self._step()
             self._walk()
@@ -117,6 +121,7 @@ class Simulation:
             for record in (entry for entry in journal if "fault" in entry):
                 self._physics.clock.step = record["step"]
                 repeat_fault(record, self._physics, self._drivers)
+                self._begun = max(self._begun, record.get("planned", -1) + 1)
             self.referee.recall(journal)
             checkpoint.restore()
             self._walk()
@@ -125,9 +130,7 @@ class Simulation:
 
     def inject(self, fault: Fault) -> None:
         """Let something go wrong, now."""
-        apply_fault(fault, self._physics, self._drivers)
-        if self._checkpoint is not None:
-            self._checkpoint.save([{"step": self._physics.clock.step, **fault_record(fault)}])
+        self._inject(fault, {})
 
     def render(self, camera: str | View | None = None, width: int = 960, height: int = 720) -> Array:
         """A picture (h, w, 3) RGB uint8 by a camera of the model or a free one (default: behind the robot)."""
@@ -184,6 +187,17 @@ class Simulation:
         self._drivers.actuate()
         self._mud.act()
         self._physics.step()
+
+    def _go_wrong(self) -> None:
+        """Let begin what is planned for now."""
+        while self._begun < len(self._planned) and self._planned[self._begun][0] <= self.clock.now() + 1e-9:
+            self._begun += 1
+            self._inject(self._planned[self._begun - 1][1], {"planned": self._begun - 1})
+
+    def _inject(self, fault: Fault, note: dict[str, int]) -> None:
+        apply_fault(fault, self._physics, self._drivers)
+        if self._checkpoint is not None:
+            self._checkpoint.save([{"step": self._physics.clock.step, **note, **fault_record(fault)}])
 
     def _walk(self) -> None:
         """Put every walker where it is at the clock's time."""

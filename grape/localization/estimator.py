@@ -20,7 +20,7 @@ from grape.localization.measurements import (
     from_imu,
     from_wheels,
 )
-from grape.localization.state import Measurement, Verdict
+from grape.localization.state import Correction, Measurement, Verdict
 from grape.messages import Array, Imu, JointState, NavSatFix, Odometry
 
 UNKNOWN_VARIANCE = 1e6
@@ -109,6 +109,20 @@ class PoseEstimator:
             pose_covariance=covariance[:6, :6],
             twist_covariance=covariance[6:12, 6:12],
         )
+
+    def correct(self, measurement: Measurement) -> Correction:
+        """Fuse what is no message of a sensor, such as AMCL's pose; refused fixes are forgotten when it is accepted.
+
+        Raises:
+            InvalidInput: there is no pose yet.
+        """
+        if self._ekf is None:
+            raise InvalidInput("there is no pose yet: the filter waits for IMU and GNSS")
+        correction = self._ekf.correct(measurement)
+        self.verdicts[measurement.source, correction.verdict] += 1
+        if correction.accepted:
+            self._refused_fixes = 0
+        return correction
 
     def _take(self, message: JointState | Imu | NavSatFix) -> None:
         source = _SOURCES[type(message)]

@@ -41,7 +41,7 @@ class DriveRecord:
         self._gnss = GnssConfig(antenna=antenna)
         self._base = base
         self._odometry: Array | None = None
-        self._told: Array | None = None
+        self._told: dict[str, Array] = {}
         self._last: JointState | None = None
         self._newest_fix = -1.0
         self._next_estimate = self._next_view = 0.0
@@ -61,6 +61,8 @@ class DriveRecord:
             return
         self._next_estimate = now + ESTIMATE_PERIOD_S - 1e-6
         self._note_wheels(now, planar_of(world.odometry.pose), drivers)
+        for source, place in world.estimates.items():
+            self._note_estimate(now, source, place)
         self._note_fixes(world, drivers)
         self._note_drive(now, world.driving)
 
@@ -69,7 +71,7 @@ class DriveRecord:
         self._file.close()
 
     def _note_wheels(self, now: float, estimate: Array, drivers: Drivers) -> None:
-        """Where the robot would be by its wheels alone, from the first estimate on; a line when that has changed."""
+        """Where the robot would be by its wheels alone, from the first estimate on."""
         if self._odometry is None:
             self._odometry = estimate
         messages = drivers.base.since(self._last.stamp if self._last is not None else -1.0)
@@ -84,9 +86,12 @@ class DriveRecord:
             middle = yaw + 0.5 * turn
             self._odometry = np.array([x + way * np.cos(middle), y + way * np.sin(middle), yaw + turn])
         self._last = message
-        if self._told is None or np.abs(self._odometry - self._told).max() >= 0.01:
-            self._told = self._odometry
-            self._write(now, "estimate", source=WHEELS, pose=_rounded(self._odometry))
+        self._note_estimate(now, WHEELS, self._odometry)
+
+    def _note_estimate(self, now: float, source: str, place: Array) -> None:
+        if source not in self._told or np.abs(place - self._told[source]).max() >= 0.01:
+            self._told[source] = place
+            self._write(now, "estimate", source=source, pose=_rounded(place))
 
     def _note_fixes(self, world: World, drivers: Drivers) -> None:
         assert world.odometry is not None
@@ -124,8 +129,9 @@ class DriveRecord:
 
     def _take_up(self, path: Path) -> None:
         for line in read_drive(path):
-            if line["kind"] == "estimate" and line["source"] == WHEELS:
-                self._odometry = self._told = np.array(line["pose"])
+            if line["kind"] == "estimate":
+                self._told[line["source"]] = np.array(line["pose"])
+                self._odometry = self._told.get(WHEELS)
             elif line["kind"] == "gnss":
                 self._newest_fix = line["t"]
             elif line["kind"] == "obstacles":

@@ -11,8 +11,9 @@ from typing import Annotated, Any, Literal
 from pydantic import Field
 
 from grape.config import Document, Model, load_yaml, override, read_text, validate, validate_options
-from grape.errors import FileError, Problem, did_you_mean
-from grape.mission.catalog import missions, robots, trees, world_type, worlds
+from grape.errors import FileError, InvalidInput, Problem, did_you_mean
+from grape.mission.catalog import missions, robot_description, robots, trees, world_type, worlds
+from grape.mission.faults import MissionFault, check_faults
 from grape.mission.refill import Refill as Refill
 from grape.mission.refill import check_refill
 from grape.plugins import TASKS, find
@@ -20,6 +21,8 @@ from grape.site import Plant, Site, load_site
 
 MODES = {"nail": ("nail", "auto"), "vine": ("plant", "plant_open_loop", "auto")}  # the first is what auto means
 Mode = Literal["nail", "plant", "plant_open_loop", "auto"]
+OF_SITE = "site"  # as a map: the site's own plants
+MAP_FILE = "map.yaml"  # of a run folder
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
 
 
@@ -54,6 +57,8 @@ class MissionFile(Model):
     dispensers: Annotated[int, Field(ge=0, le=8)] = 8
     refill: Refill = Field(default_factory=Refill)
     arm_errors: Annotated[float, Field(ge=0, le=2)] = 0.0
+    faults: tuple[MissionFault, ...] = ()
+    map: str | None = None
     time_limit_s: Annotated[float, Field(gt=0, le=86400)] = 1500.0
     actions: dict[str, dict[str, Any]] = Field(default_factory=dict)
 
@@ -68,6 +73,7 @@ class Mission:
         world: options of the world's generator.
         site: the surveyed site, or the one that the generator lays out.
         surveyed: whether the site is the user's.
+        map: `grape.mapping.OccupancyGrid` to localise on by the base's laser; None: by wheels, IMU and GNSS alone.
         actions: defaults of goal fields by node, with the types of the fields.
     """
 
@@ -77,6 +83,7 @@ class Mission:
     site: Site
     surveyed: bool
     plants: tuple[PlantGoal, ...]
+    map: Any = None
     actions: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
@@ -104,6 +111,8 @@ class Mission:
         data["refill"]["stock"] = self.stock
         if self.surveyed:
             data["site"] = "site.geojson"
+        if self.file.map not in (None, OF_SITE):
+            data["map"] = MAP_FILE
         return data
 
 
@@ -134,10 +143,22 @@ def load_mission(name: str, overrides: Iterable[str] = (), world: Path | None = 
     actions = _actions(file, tree, document, problems)
     if site is not None:
         problems += check_refill(file.refill, site, document)
+    if file.robot in robots():
+        problems += check_faults(file.faults, robot_description(file.robot), document)
+    grid = _map(file, document, path.parent, site, problems)
     if problems or options is None or site is None:
         raise FileError(problems)
     surveyed = file.site is not None
-    return Mission(file=file, tree=tree, world=options, site=site, surveyed=surveyed, plants=plants, actions=actions)
+    return Mission(
+        file=file,
+        tree=tree,
+        world=options,
+        site=site,
+        surveyed=surveyed,
+        plants=plants,
+        map=grid,
+        actions=actions,
+    )
 
 
 def mission_path(name: str) -> Path:
@@ -207,6 +228,26 @@ def _world_and_site(file: MissionFile, document: Document, folder: Path) -> tupl
     if not path.is_file():
         raise FileError([document.problem(("site",), f"got {file.site!r}", "the path of a GeoJSON file")])
     return options, load_site(path)
+
+
+def _map(file: MissionFile, document: Document, folder: Path, site: Site | None, problems: list[Problem]) -> Any:
+    """The map that the mission names, if any."""
+    if file.map is None or site is None:
+        return None
+    from grape.mapping import load_map, map_of_site
+
+    try:
+        if file.map == OF_SITE:
+            return map_of_site(site)
+        if (folder / file.map).is_file():
+            return load_map(folder / file.map)
+        allowed = f"{OF_SITE}, or the path of a map's YAML file"
+        problems.append(document.problem(("map",), f"got {file.map!r}", allowed))
+    except FileError as error:
+        problems += error.problems
+    except InvalidInput as error:
+        problems.append(document.problem(("map",), str(error)))
+    return None
 
 
 def _actions(

@@ -16,7 +16,7 @@ from ruamel.yaml import YAML
 from grape import __version__
 from grape.errors import InvalidInput
 from grape.mission.catalog import nodes, robot_description, world_type
-from grape.mission.file import Mission, load_mission
+from grape.mission.file import MAP_FILE, OF_SITE, Mission, load_mission
 from grape.mission.ledger import SqliteLedger
 from grape.mission.lock import RunLock
 from grape.mission.progress import Progress
@@ -130,9 +130,26 @@ def build_scene(mission: Mission) -> Scene:
     world = world_type(mission.file.world.get("type", "vineyard")).grow(mission.site, mission.world)
     operator = OperatorOptions(fill=mission.file.refill.fill, after_s=mission.file.refill.after_s)
     sensors = SensorOptions(arm=ArmDriverOptions(errors=mission.file.arm_errors), operator=operator)
-    options = SimulationOptions(dispensers=mission.file.dispensers, stock=mission.stock, sensors=sensors)
+    options = SimulationOptions(
+        dispensers=mission.file.dispensers, stock=mission.stock, sensors=sensors, faults=planned_faults(mission)
+    )
     simulation = Simulation(world, description, seed=mission.seed, options=options)
     return Scene(mission=mission, tree=tree, robot=robot, simulation=simulation)
+
+
+def planned_faults(mission: Mission) -> tuple[tuple[float, Any], ...]:
+    """What goes wrong in a mission, with the time of each, for the simulation."""
+    from grape.sim.faults import FreezeSensor, GnssJump
+
+    planned: list[tuple[float, Any]] = []
+    for fault in mission.file.faults:
+        if fault.silent is not None:
+            planned.append((fault.at_s, FreezeSensor(name=fault.silent)))
+            planned.append((fault.at_s + fault.for_s, FreezeSensor(name=fault.silent, frozen=False)))
+        elif fault.gnss_jump is not None:
+            bias = np.array([*fault.gnss_jump, 0.0])
+            planned.append((fault.at_s, GnssJump(bias=bias, duration_s=fault.for_s, wrong_fix=True)))
+    return tuple(planned)
 
 
 def execute(
@@ -258,6 +275,10 @@ def write_inputs(mission: Mission, folder: Path) -> None:
     """Keep exactly what runs: `grape run FOLDER/mission.yaml` repeats it."""
     write_atomic(folder / "tree.xml", mission.tree.read_text(encoding="utf-8"))
     save_site(mission.site, folder / "site.geojson")
+    if mission.map is not None and mission.file.map != OF_SITE:
+        from grape.mapping import MapFormat, save_map
+
+        save_map(mission.map, folder / MAP_FILE, MapFormat(mode="raw"))
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]

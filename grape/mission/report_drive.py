@@ -20,10 +20,11 @@ from grape.mission.report_script import SCRIPT
 from grape.mission.svg import PALETTE, Frame, drawing, tag
 from grape.site import Site
 
-TRUTH, EKF, GNSS = "truth", "ekf", "gnss"
-NAMES = {TRUTH: "true path", EKF: "estimate (EKF)", WHEELS: "wheels only", GNSS: "GNSS fixes"}
+TRUTH, EKF, GNSS, AMCL = "truth", "ekf", "gnss", "amcl"
+NAMES = {TRUTH: "true path", EKF: "estimate (EKF)", WHEELS: "wheels only", GNSS: "GNSS fixes", AMCL: "AMCL"}
 COLOURS = {
-    TRUTH: TRUE_COLOUR, EKF: ESTIMATE_COLOUR, WHEELS: "#e08a3c", GNSS: "#1a9a9a", "plan": "#c2185b", "scan": "#d62728",
+    TRUTH: TRUE_COLOUR, EKF: ESTIMATE_COLOUR, WHEELS: "#e08a3c", GNSS: "#1a9a9a", AMCL: "#3d7d2c",
+    "plan": "#c2185b", "scan": "#d62728",
 }  # fmt: skip
 NEAR_M = 0.15  # so near to something that stands, a cell is right
 MAP_WIDTH = 520.0

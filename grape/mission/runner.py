@@ -18,6 +18,7 @@ from grape.messages import Array, Odometry
 from grape.mission.drive_record import DriveRecord
 from grape.mission.file import Mission
 from grape.mission.guard import guarded
+from grape.mission.laser_place import LaserPlace
 from grape.mission.ledger import SqliteLedger
 from grape.mission.progress import Progress, ProgressTracker
 from grape.mission.record import RunRecorder
@@ -145,7 +146,11 @@ class Runner:
             rng=np.random.default_rng([mission.seed, 7, *([self._session] if self._session > 1 else [])]),
             config=mission.actions,
         )
-        self._sensing = Sensing(backend.drivers, self.context.world, robot)
+        place = None
+        if mission.map is not None:
+            chance = np.random.default_rng([mission.seed, 8, self._session])
+            place = LaserPlace(mission.map, backend.drivers, robot.description, chance, self.log)
+        self._sensing = Sensing(backend.drivers, self.context.world, robot, place)
         self._make_tree = make_tree
 
     def run(self) -> Finding:

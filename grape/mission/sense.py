@@ -8,6 +8,7 @@ from typing import Any
 from grape.drivers import Drivers
 from grape.errors import StaleData
 from grape.localization import EstimatorOptions, GnssConfig, ImuConfig, PoseEstimator, WheelConfig
+from grape.mission.laser_place import LaserPlace
 from grape.world import World
 
 _BEFORE_ALL = -1.0
@@ -21,12 +22,14 @@ class Sensing:
 
     Args:
         robot: models and description (`grape.actions.robot.Robot`).
+        place: the robot's place by a laser, where the mission has a map.
     """
 
-    def __init__(self, drivers: Drivers, world: World, robot: Any) -> None:
+    def __init__(self, drivers: Drivers, world: World, robot: Any, place: LaserPlace | None = None) -> None:
         self._drivers = drivers
         self._world = world
         self._robot = robot
+        self._place = place
         description = robot.description
         self._estimator = PoseEstimator(_estimator_options(description, world))
         self._newest = {"wheels": _BEFORE_ALL, "imu": _BEFORE_ALL, "gnss": _BEFORE_ALL, "arm": _BEFORE_ALL}
@@ -53,6 +56,10 @@ class Sensing:
         world.odometry = odometry
         world.localized = self._estimator.ready
         world.frames.push("map", "base_link", odometry.pose, now)
+        if self._place is not None:
+            self._place.update(now, self._estimator)
+            if self._place.pose is not None:
+                world.estimates["amcl"] = self._place.pose
 
     def _since(self, name: str, driver: Any) -> Any:
         messages = driver.since(self._newest[name])

@@ -38,20 +38,21 @@ class SimulatedGnss(SampledSensor[NavSatFix]):
         self._noise = FrameNoise(seed, "gnss")
         self._spells = list(float_spells(options.errors, self._noise.constant()))
 
-    def jump(self, bias: Array, start: float, end: float) -> None:
-        """Add a float spell with the given bias (3,) m from `start` to `end` seconds."""
-        self._spells.append(FloatSpell(start=start, end=end, bias=np.array(bias, dtype=float)))
+    def jump(self, bias: Array, start: float, end: float, *, wrong_fix: bool = False) -> None:
+        """Add a float spell with the given bias (3,) m from `start` to `end` seconds; or a fix that is wrong."""
+        self._spells.append(FloatSpell(start=start, end=end, bias=np.array(bias, dtype=float), wrong_fix=wrong_fix))
 
-    def _snapshot(self) -> tuple[Array, Array]:
+    def _snapshot(self) -> tuple[Array, Array, bool]:
         now = self._physics.clock.now()
-        bias = sum((spell.bias for spell in self._spells if spell.start <= now < spell.end), np.zeros(3))
+        spells = [spell for spell in self._spells if spell.start <= now < spell.end]
+        bias = sum((spell.bias for spell in spells), np.zeros(3))
         base = self._physics.data.qpos[self._qpos : self._qpos + 7]
-        return base[:3] + quaternion_to_rotation(base[3:]) @ self._mount, bias
+        antenna = base[:3] + quaternion_to_rotation(base[3:]) @ self._mount
+        return antenna, bias, any(spell.bias.any() and not spell.wrong_fix for spell in spells)
 
-    def _measure(self, index: int, stamp: float, snapshot: tuple[Array, Array]) -> NavSatFix:
+    def _measure(self, index: int, stamp: float, snapshot: tuple[Array, Array, bool]) -> NavSatFix:
         model = self._options.errors
-        antenna, bias = snapshot
-        floating = bool(bias.any())
+        antenna, bias, floating = snapshot
         horizontal = model.float_sigma if floating else model.fix_sigma
         sigma = np.array([horizontal, horizontal, 2 * horizontal if floating else model.fix_sigma_up])
         latitude, longitude, altitude = geodetic_from_enu(

@@ -26,11 +26,15 @@ class GnssModel:
 
 @dataclass(frozen=True, kw_only=True)
 class FloatSpell:
-    """A time without integer fix: from `start` to `end` (s) all positions are shifted by `bias` (3,) m."""
+    """A time without integer fix: from `start` to `end` (s) all positions are shifted by `bias` (3,) m.
+
+    With `wrong_fix` the receiver takes what it has for a fix.
+    """
 
     start: float
     end: float
     bias: Array
+    wrong_fix: bool = False
 
 
 def float_spells(model: GnssModel, rng: np.random.Generator, until_s: float = 4 * 3600.0) -> tuple[FloatSpell, ...]:

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from grape.errors import InvalidInput
 from grape.geometry import rotation_from_rpy, rotation_to_quaternion, yaw_of
-from grape.localization import EstimatorOptions, PoseEstimator
+from grape.localization import EstimatorOptions, Measurement, PoseEstimator
 
 
 def run(drive, estimator, *, until: float = np.inf, gnss=None, wheels=True):
@@ -159,3 +160,20 @@ def test_robot_stands_while_good_fixes_are_refused(drive, datum, fix):
     assert ready[14:16] == [True, True], "one fix elsewhere is a jump"
     assert ready[16:23] == [False] * 7
     assert ready[-1], "where fixes stay elsewhere, they win"
+
+
+def test_a_pose_of_another_source_holds_the_estimate_and_clears_the_doubt(drive, datum):
+    ride = drive(7, 60.0, true_track=0.8)
+    estimator = PoseEstimator(EstimatorOptions(datum=datum))
+    pose = Measurement(
+        stamp=20.0, source="amcl", index=np.array([0, 1, 5]), value=np.zeros(3), covariance=np.eye(3) * 1e-2
+    )
+    with pytest.raises(InvalidInput, match="no pose yet"):
+        estimator.correct(pose)
+    fixes = [replace(f, latitude=f.latitude + 0.5 / 111_000) if f.stamp > 17.0 else f for f in ride.gnss]
+    run(ride, estimator, gnss=fixes, until=20.0)
+    assert not estimator.ready, "GNSS says again and again that the robot is elsewhere"
+    here = estimator.odometry(20.0).pose
+    value = np.array([*here[:2, 3], yaw_of(here)])
+    assert estimator.correct(replace(pose, value=value)).accepted
+    assert estimator.ready and estimator.verdicts["amcl", "accepted"] == 1

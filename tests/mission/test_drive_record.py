@@ -42,7 +42,7 @@ def drivers() -> Any:
 @pytest.fixture
 def world(mission: Any) -> Any:
     odometry = SimpleNamespace(pose=pose(rotation_z(0.5), (1.0, 2.0, 0.13)))
-    return SimpleNamespace(odometry=odometry, driving=None, site=mission.site)
+    return SimpleNamespace(odometry=odometry, driving=None, site=mission.site, estimates={})
 
 
 def turned(stamp: float, left: float, right: float) -> JointState:
@@ -84,6 +84,19 @@ def test_a_robot_that_stands_adds_nothing(tmp_path: Path, drivers: Any, world: A
         record.observe(0.2 * k, world, drivers)
     record.close()
     assert [line["kind"] for line in read_drive(tmp_path / "drive.jsonl")] == ["robot", "estimate"]
+
+
+def test_other_estimates_are_told_when_they_have_changed(tmp_path: Path, drivers: Any, world: Any) -> None:
+    record = DriveRecord(tmp_path / "drive.jsonl", BASE, ANTENNA)
+    for k, x in enumerate((1.0, 1.001, 1.5)):
+        world.estimates["amcl"] = np.array([x, 2.0, 0.5])
+        record.observe(0.2 * k, world, drivers)
+    record.close()
+    again = DriveRecord(tmp_path / "drive.jsonl", BASE, ANTENNA)
+    again.observe(0.8, world, drivers)
+    again.close()
+    told = [line for line in read_drive(tmp_path / "drive.jsonl") if line["kind"] == "estimate"]
+    assert [(line["t"], line["source"], line["pose"][0]) for line in told] == [(0.0, "amcl", 1.0), (0.4, "amcl", 1.5)]
 
 
 def test_a_fix_is_told_once_and_of_the_base_not_the_antenna(tmp_path: Path, drivers: Any, world: Any) -> None:

@@ -12,8 +12,10 @@ import pytest
 
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.errors import FileError, InvalidInput
+from grape.mapping import save_map
 from grape.mission.file import Mission, load_mission
-from grape.mission.launch import make_folder, run_mission, write_inputs
+from grape.mission.launch import make_folder, planned_faults, run_mission, write_inputs
+from grape.sim.faults import FreezeSensor
 from grape.site import save_site
 
 
@@ -69,6 +71,55 @@ def test_walkers_are_checked_and_kept_and_their_absence_leaves_no_trace(mission:
 def test_a_wrong_walker_is_named_with_its_place(walker: str, expected: str) -> None:
     (problem,) = problems_of("dispenser_deployment", [f"world.walkers=[{walker}]"])
     assert expected in problem
+
+
+def test_faults_are_kept_and_become_what_the_simulation_plans(tmp_path: Path) -> None:
+    faults = "faults=[{at_s: 40, for_s: 60, silent: front_laser}, {at_s: 9.5, for_s: 8, gnss_jump: [0.5, -0.1]}]"
+    mission = load_mission("dispenser_deployment", [faults])
+    write_inputs(mission, tmp_path)
+    assert load_mission(str(tmp_path / "mission.yaml")).file.faults == mission.file.faults
+    (begin, silent), (end, loud), (at, jump) = planned_faults(mission)
+    assert (begin, silent) == (40, FreezeSensor(name="front_laser"))
+    assert (end, loud) == (100, FreezeSensor(name="front_laser", frozen=False))
+    assert (at, jump.duration_s, jump.wrong_fix, jump.bias.tolist()) == (9.5, 8, True, [0.5, -0.1, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ("{at_s: 1, for_s: 1}", "faults.0: got both or neither; allowed: either silent or gnss_jump"),
+        ("{at_s: 1, for_s: 1, silent: gnss, gnss_jump: [1, 0]}", "got both or neither"),
+        ("{at_s: 1, for_s: 1, silent: front_lasr}", "did you mean 'front_laser'?"),
+        ("{at_s: 1, for_s: 1, silent: camera_optical}", "faults.0.silent: got 'camera_optical'"),
+        ("{at_s: 1, for_s: 0, silent: gnss}", "greater than 0"),
+        ("{at_s: 1, for_s: 1, gnss_jump: [500, 0]}", "less than or equal to 100"),
+    ],
+)
+def test_a_wrong_fault_is_named_with_its_place(fault: str, expected: str) -> None:
+    (problem,) = problems_of("dispenser_deployment", [f"faults=[{fault}]"])
+    assert expected in problem
+
+
+def test_a_map_is_the_sites_or_a_file_that_the_run_folder_keeps(tmp_path: Path) -> None:
+    of_site = load_mission("dispenser_deployment", ["map=site"])
+    write_inputs(of_site, tmp_path)
+    assert load_mission(str(tmp_path / "mission.yaml")).map.occupied().sum() == of_site.map.occupied().sum() > 0
+    assert not (tmp_path / "map.yaml").exists()
+    save_map(of_site.map, tmp_path / "survey.yaml")
+    (tmp_path / "mine.yaml").write_text("name: mine\nmap: survey.yaml\n", encoding="utf-8")
+    mine, run = load_mission(str(tmp_path / "mine.yaml")), tmp_path / "run"
+    run.mkdir()
+    write_inputs(mine, run)
+    np.testing.assert_array_equal(load_mission(str(run / "mission.yaml")).map.occupancy, of_site.map.occupancy)
+    assert load_mission("dispenser_deployment").map is None
+
+
+def test_what_is_wrong_with_a_map_is_told(tmp_path: Path) -> None:
+    (problem,) = problems_of("dispenser_deployment", ["map=nowhere.yaml"])
+    assert "map: got 'nowhere.yaml'; allowed: site, or the path of a map's YAML file" in problem
+    (tmp_path / "survey.yaml").write_text("image: none.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n", encoding="utf-8")
+    (problem,) = problems_of("dispenser_deployment", [f"map={tmp_path / 'survey.yaml'}"])
+    assert "none.pgm" in problem
 
 
 def test_defaults_of_goals_get_the_types_of_their_fields(tmp_path: Path) -> None:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from grape.errors import InvalidInput
+from grape.geodesy import enu_from_geodetic
+from grape.geometry import pose, transform
 from grape.messages import Odometry
 from grape.sim.checkpoint import JOURNAL_FILE, STATE_FILE, TwoSlots, kept_time, newest
 from grape.sim.faults import CameraGlare, FreezeSensor, GnssJump
@@ -90,6 +92,26 @@ def test_faults_last_and_so_do_the_referees_findings(simulate, tmp_path):
     assert again.drivers.gnss.latest().status == "float"
     times = [sample.time_s for sample in again.referee.path]
     assert times[0] == 0.0 and times[-1] >= 1.4 and times == sorted(times)
+
+
+def test_planned_faults_begin_at_their_time_and_never_twice(simulate, tmp_path):
+    jump = GnssJump(bias=np.array([0.4, 0.0, 0.0]), duration_s=30.0, wrong_fix=True)
+    planned = ((0.3, FreezeSensor(name="imu", frozen=False)), (0.1, FreezeSensor(name="imu")), (0.4, jump))
+    first = simulate(faults=planned)
+    first.keep(tmp_path / "world")
+    go(first, 0, 20)
+    assert first._drivers.imu._frozen
+    go(first, 20, 45)
+    assert not first._drivers.imu._frozen
+    again = simulate(faults=planned)
+    again.keep(tmp_path / "world")
+    go(again, 45, 161)
+    assert not again._drivers.imu._frozen
+    fix, base = again.drivers.gnss.latest(), again._physics.data.body("base_link")
+    T_map_base = pose(base.xmat.reshape(3, 3), base.xpos)
+    antenna = transform(T_map_base, again.robot.T_base_link_sensor("gnss_link")[:3, 3])
+    told = enu_from_geodetic(again.world.site.datum, fix.latitude, fix.longitude, fix.altitude)
+    assert told[0] - antenna[0] == pytest.approx(0.4, abs=0.3) and fix.status == "fix"
 
 
 def test_collisions_keep_their_first_time_and_largest_force(simulate, tmp_path):

@@ -190,6 +190,18 @@ def test_gnss_owns_up_to_a_float_bias(simulate):
     assert simulation.drivers.gnss.latest().status == "fix"
 
 
+def test_gnss_may_be_wrong_and_not_know_it(simulate):
+    options = SensorOptions(gnss=GnssOptions(period_s=0.1, errors=GnssModel(float_rate=0.0)))
+    simulation = simulate(sensors=options)
+    beats(simulation, 20)
+    before = simulation.drivers.gnss.latest()
+    simulation.inject(GnssJump(bias=np.array([0.4, 0.0, 0.0]), duration_s=0.3, wrong_fix=True))
+    beats(simulation, 20)
+    jumped = simulation.drivers.gnss.since(before.stamp)[0]
+    assert jumped.status == "fix" and jumped.covariance[0, 0] == before.covariance[0, 0]
+    assert (jumped.longitude - before.longitude) * 111_320 * np.cos(np.radians(42.3)) == pytest.approx(0.4, abs=0.1)
+
+
 def test_float_spells_come_at_their_rate():
     model = GnssModel()
     spells = float_spells(model, np.random.default_rng(2), until_s=200_000.0)

@@ -35,16 +35,14 @@ class CheckDeploymentGoal:
         frames: how many camera frames vote.
         more: further looks at that place where nothing was seen, for a loop that has slid out of the picture, is seen
             edge-on or behind an arm of the vine. Each is a turn of the camera about the vertical through the place,
-            counted from the arm's base, and a height over it, rad.
+            counted from the arm's base, and a height over it, rad. Those that the arm does not reach are left out.
         more_m: of the camera from the place, on these looks.
-        most: how many of them are taken; those that the arm does not reach do not count.
     """
 
     target: HangTarget
     frames: int = 15
-    more: tuple[tuple[float, float], ...] = ((0.0, 0.3), (0.4, 0.3), (-0.4, 0.3), (0.0, 0.7))
+    more: tuple[tuple[float, float], ...] = ((0.0, 0.3), (0.4, 0.3), (-0.4, 0.3), (0.8, 0.3), (-0.8, 0.3), (0.0, 0.7))
     more_m: float = 0.5
-    most: int = 3
 
 
 @action("CheckDeployment")
@@ -94,7 +92,7 @@ def _look_again(
     T_hand_camera = camera_mount(ctx)
     right = (ctx.robot.hand_pose(ctx.world.joints()) @ T_hand_camera)[:3, 0]
     towards_arm = (ctx.robot.description.arm.T_base_link_arm_base[:3, 3] - place) * [1.0, 1.0, 0.0]
-    ballot, taken = first, 0
+    ballot = first
     with ctx.arm.lease("CheckDeployment") as arm:
         yield from back_off(ctx, arm)
         for turn, height in goal.more:
@@ -106,8 +104,7 @@ def _look_again(
                 ctx.log.event("not_looked", action="CheckDeployment", reason=str(failed.reason), detail=failed.detail)
                 continue
             ballot = yield from vote(ctx, decide, frames=goal.frames, status="validating the deployment again")
-            taken += 1
-            if ballot.value or taken >= goal.most:
+            if ballot.value:
                 break
     return ballot
 

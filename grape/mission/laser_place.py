@@ -1,0 +1,76 @@
+"""The robot's place on a map by a laser of its base, beside the mission's filter and as one more input of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from grape.actions.core import Recorder
+from grape.drivers import Drivers
+from grape.errors import InvalidInput, StaleData
+from grape.geometry import planar_of
+from grape.localization import AmclInput, Discord, LikelihoodField, PoseEstimator
+from grape.mapping import OccupancyGrid
+from grape.messages import Array
+
+LISTEN_S = 0.1  # between the velocities that AMCL hears
+SCAN_S = 0.5
+OLDEST_S = 0.2
+
+
+class LaserPlace:
+    """Runs AMCL on the scans of the first scanner that is mounted on the base.
+
+    Args:
+        description: `grape.robots.RobotDescription`.
+        rng: AMCL's chance.
+        log: hears when AMCL and the filter part, and when they are one again.
+
+    Raises:
+        InvalidInput: the base has no laser scanner, or there is nothing on the map.
+    """
+
+    def __init__(
+        self, grid: OccupancyGrid, drivers: Drivers, description: Any, rng: np.random.Generator, log: Recorder
+    ) -> None:
+        mounts = {name: description.mounts[name] for name in drivers.scans if name in description.mounts}
+        name = next((name for name, mount in mounts.items() if mount.parent == "base_link"), None)
+        if name is None:
+            raise InvalidInput(f"{description.name}: a map needs a laser scanner on the base to localise by")
+        self._scanner = drivers.scans[name]
+        self._input = AmclInput(LikelihoodField(grid), rng, mount=planar_of(mounts[name].T_parent_sensor))
+        self._log = log
+        self._told: Discord | None = None
+        self._listen_s = self._scan_s = 0.0
+
+    @property
+    def pose(self) -> Array | None:
+        """(3,) x y yaw in map by the newest scan that was used; None before the first."""
+        return None if self._input.estimate is None else self._input.estimate.pose
+
+    def update(self, now: float, estimator: PoseEstimator) -> None:
+        """Hear the filter's velocity, look at the newest scan, and let the filter have what it says."""
+        if not estimator.initialized or now < self._listen_s:
+            return
+        self._listen_s = now + LISTEN_S - 1e-6
+        self._input.advance(estimator.odometry(now))
+        if now < self._scan_s:
+            return
+        self._scan_s = now + SCAN_S - 1e-6
+        try:
+            scan = self._scanner.latest(max_age_s=OLDEST_S)
+        except StaleData:
+            return
+        measurement = self._input.take(scan, estimator.odometry(scan.stamp))
+        if measurement is not None:
+            estimator.correct(measurement)
+        self._tell()
+
+    def _tell(self) -> None:
+        before, self._told = self._told, self._input.discord
+        if before is None and self._told is not None:
+            sigma, since = round(self._told.sigma, 1), self._told.since
+            self._log.event("discord", source="amcl", apart=True, sigma=sigma, since=since)
+        elif before is not None and self._told is None:
+            self._log.event("discord", source="amcl", apart=False)
