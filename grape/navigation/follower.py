@@ -100,7 +100,10 @@ class PursuitOptions:
     along: float = 0.02  # tolerances at the goal
     across: float = 0.03
     yaw: float = 0.02
-    retreat: float = 0.9  # how far back to go for another approach
+    approach: float = 0.9  # before the goal, from where on it converges to the goal's line
+    approach_speed: float = 0.4
+    converge: float = 0.3  # distance in which it does, to 1/e critically damped
+    retreat: float = 0.9  # how far back to go for another approach, the second time half as far again
     retreats: int = 2
     footprint: Footprint = field(default_factory=Footprint)
     horizon_s: float = 1.2  # of the simulated motion, at least until standstill
@@ -154,8 +157,11 @@ class PurePursuit:
             return 0.0, 0.0, replace(state, phase=Phase.TURN, turn_to=None)
         limit = options.reverse_speed if path.reverse else options.speed
         speed = min(limit, self._stopping_speed(remaining), self._curve_limit(path, state.travelled))
+        direction = -1.0 if path.reverse else 1.0
+        if remaining < options.approach and self._near_line(pose, path.goal):
+            return *self._converge(pose, path.goal, min(speed, options.approach_speed), direction), state
         target = path.at(state.travelled + self._lookahead(abs(twist[0])))
-        return *self._pursue(pose, target, speed, -1.0 if path.reverse else 1.0), state
+        return *self._pursue(pose, target, speed, direction), state
 
     def _settle(
         self, state: FollowerState, path: Path, pose: Array, twist: Array
@@ -188,8 +194,7 @@ class PurePursuit:
             return 0.0, 0.0, state
         direction = -float(np.sign(along))
         speed = min(0.15, self._stopping_speed(abs(along)))
-        target = self._on_goal_line(path, along + direction * self.options.lookahead)
-        return *self._pursue(pose, target, speed, direction), state
+        return *self._converge(pose, path.goal, speed, direction), state
 
     def _retreat(
         self, state: FollowerState, path: Path, pose: Array, twist: Array
@@ -197,16 +202,34 @@ class PurePursuit:
         """Back along the goal's line, so that the next approach has room to converge."""
         options = self.options
         along, _, _ = in_frame_of(pose, path.goal)
-        if along < -options.retreat:
+        back = options.retreat * (0.5 + 0.5 * state.retreats)
+        if along < -back:
             if abs(twist[0]) > 0.05:
                 return 0.0, 0.0, state
             return 0.0, 0.0, replace(state, phase=Phase.TRACK, travelled=max(0.0, path.length - options.retreat))
-        speed = min(options.reverse_speed, self._stopping_speed(options.retreat + along + 0.05))
-        target = self._on_goal_line(path, along - self._lookahead(speed))
-        return *self._pursue(pose, target, speed, -1.0), state
+        speed = min(options.reverse_speed, self._stopping_speed(back + along + 0.05))
+        return *self._converge(pose, path.goal, speed, -1.0), state
 
     def _stand(self, state: FollowerState, path: Path, pose: Array, twist: Array) -> tuple[float, float, FollowerState]:
         return 0.0, 0.0, state
+
+    def _near_line(self, pose: Array, goal: Array) -> bool:
+        """Whether the robot is so near to the goal's line, and along it, that it may converge to it."""
+        _, across, yaw = in_frame_of(pose, goal)
+        return bool(abs(across) < 0.25 and abs(yaw) < 0.6)
+
+    def _converge(self, pose: Array, goal: Array, speed: float, direction: float) -> tuple[float, float]:
+        """Velocity that leads onto the goal's line and its heading, forwards or backwards (direction -1).
+
+        Unlike a pursuit it has no target that it comes too near to: heading and offset vanish together, whatever
+        skidding adds on the way.
+        """
+        _, across, yaw = in_frame_of(pose, goal)
+        length = self.options.converge
+        wanted = -direction * float(np.clip(across / (2.0 * length), -0.5, 0.5))
+        curvature = 2.0 * (wanted - yaw) / length
+        speed = min(speed, self.options.turn_speed / max(abs(curvature), 1e-6))
+        return direction * speed, speed * curvature
 
     def _pursue(self, pose: Array, target: Array, speed: float, direction: float) -> tuple[float, float]:
         """Velocity on the circle through `target`, forwards or backwards (direction -1)."""
@@ -262,10 +285,6 @@ class PurePursuit:
 
     def _lookahead(self, speed: float) -> float:
         return self.options.lookahead + self.options.lookahead_s * speed
-
-    def _on_goal_line(self, path: Path, along: float) -> Array:
-        x, y, yaw = path.goal
-        return np.array([x + along * np.cos(yaw), y + along * np.sin(yaw), yaw])
 
     def _limited(
         self, v: float, w: float, state: FollowerState, path: Path, pose: Array, costmap: Costmap, dt: float
