@@ -63,7 +63,10 @@ class DriveResult:
 
 @action("DriveToPose")
 def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, DriveResult]:
-    """Drives to a pose around rows, fences and obstacles, and settles there within 2 cm, 3 cm and 1.2 degrees."""
+    """Drives to a pose around rows, fences and obstacles, and settles there within 2 cm, 3 cm and 1.2 degrees.
+
+    Where it ends further aside it backs off for another approach; after the second one 8 cm aside are enough.
+    """
     target = np.array([goal.x, goal.y, goal.yaw])
     if not np.isfinite(target).all() or not 0.0 < goal.speed <= ctx.robot.description.base.max_linear:
         raise GoalRejected(f"a finite pose and a speed up to {ctx.robot.description.base.max_linear} m/s, got {goal}")

@@ -105,6 +105,7 @@ class PursuitOptions:
     converge: float = 0.3  # distance in which it does, to 1/e critically damped
     retreat: float = 0.9  # how far back to go for another approach, the second time half as far again
     retreats: int = 2
+    across_at_last: float = 0.08  # tolerance after the last of them: better a little aside than not at all
     footprint: Footprint = field(default_factory=Footprint)
     horizon_s: float = 1.2  # of the simulated motion, at least until standstill
 
@@ -175,9 +176,9 @@ class PurePursuit:
             return 0.0, self._settle_turn(yaw, 0.3 * options.yaw), state
         if abs(twist[0]) > 0.01 or abs(twist[1]) > 0.02:
             return 0.0, 0.0, state
-        if abs(across) > options.across:
-            if state.retreats < options.retreats:
-                return 0.0, 0.0, replace(state, phase=Phase.RETREAT, retreats=state.retreats + 1)
+        if abs(across) > options.across and state.retreats < options.retreats:
+            return 0.0, 0.0, replace(state, phase=Phase.RETREAT, retreats=state.retreats + 1)
+        if abs(across) > max(options.across, options.across_at_last):
             return 0.0, 0.0, replace(state, phase=Phase.FAILED)
         if abs(yaw) > options.yaw:
             return 0.0, self._settle_turn(yaw, 0.0), state

@@ -105,14 +105,36 @@ def test_overshoot_is_corrected_by_creeping_back():
     assert abs(pose[0] - 4.0) < 0.02
 
 
-def test_goal_missed_sideways_is_tried_again_and_given_up_in_the_end():
-    costmap, pose = layered_costmap(SPEC, []), np.array([4.0, 0.08, 0.0])
-    state = FollowerState(phase=Phase.SETTLE, travelled=4.0)
-    step = PurePursuit().step(state, straight_path(), pose, np.zeros(2), costmap, 0.05)
-    assert step.state.phase is Phase.RETREAT
+def test_goal_missed_sideways_is_tried_again_from_further_back_and_taken_or_given_up_in_the_end():
+    costs = layered_costmap(SPEC, [])
+    follower, path = PurePursuit(), straight_path()
+    beside = np.array([3.995, 0.05, 0.0])
+    missed = FollowerState(phase=Phase.SETTLE, travelled=4.0)
+    step = follower.step(missed, path, beside, np.zeros(2), costs, 0.05)
+    assert step.state.phase is Phase.RETREAT and step.state.retreats == 1
+    back = np.array([4.0 - 1.0, 0.0, 0.0])
+    assert follower.step(step.state, path, back, np.zeros(2), costs, 0.05).state.phase is Phase.TRACK
+    second = FollowerState(phase=Phase.RETREAT, travelled=4.0, retreats=2)
+    assert follower.step(second, path, back, np.zeros(2), costs, 0.05).state.phase is Phase.RETREAT
     tired = FollowerState(phase=Phase.SETTLE, travelled=4.0, retreats=2)
-    step = PurePursuit().step(tired, straight_path(), pose, np.zeros(2), costmap, 0.05)
-    assert step.state.phase is Phase.FAILED
+    assert follower.step(tired, path, beside, np.zeros(2), costs, 0.05).state.phase is Phase.REACHED
+    beside[1] = 0.12
+    assert follower.step(tired, path, beside, np.zeros(2), costs, 0.05).state.phase is Phase.FAILED
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_the_last_metre_converges_to_the_goals_line_and_heading_both_ways(direction):
+    follower, goal = PurePursuit(), np.array([1.0, 2.0, 0.7])
+    along = np.array([np.cos(0.7), np.sin(0.7)])
+    pose = np.array([*(goal[:2] - direction * 0.9 * along + 0.12 * np.array([-along[1], along[0]])), 0.7 + 0.15])
+    for _ in range(500):
+        v, w = follower._converge(pose, goal, 0.3, direction)
+        assert v * direction > 0
+        pose = pose + 0.01 * np.array([v * np.cos(pose[2]), v * np.sin(pose[2]), w])
+        if direction * in_frame_of(pose, goal)[0] >= 0.0:
+            break
+    _, across, yaw = in_frame_of(pose, goal)
+    assert abs(across) < 0.035 and abs(yaw) < 0.08
 
 
 def test_pose_that_is_not_finite_is_refused():

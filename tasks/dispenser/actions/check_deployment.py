@@ -41,7 +41,7 @@ class CheckDeploymentGoal:
 
     target: HangTarget
     frames: int = 15
-    more: tuple[tuple[float, float], ...] = ((0.0, 0.3), (0.8, 0.3), (-0.8, 0.3), (0.4, 0.3), (-0.4, 0.3), (0.0, 0.7))
+    more: tuple[tuple[float, float], ...] = ((0.0, 0.3), (0.0, 0.7), (0.8, 0.3), (-0.8, 0.3), (0.4, 0.3), (-0.4, 0.3))
     more_m: float = 0.5
 
 
