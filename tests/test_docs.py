@@ -22,6 +22,7 @@ from grape import cli
 from grape.campaign.watch import Standing
 from grape.config import model_of
 from grape.errors import Reason
+from grape.mission.faults import MissionFault
 from grape.mission.file import MissionFile, Refill, Selection, load_mission
 from grape.mission.launch import refuse_changed, write_inputs
 from grape.proof import Bench, Experiment, Proof
@@ -208,10 +209,11 @@ def assert_rows_match(rows: list[list[str]], model: Any) -> None:
 def test_keys_of_missions_and_worlds_are_those_of_the_code() -> None:
     from grape.sim.worlds import VineyardOptions, WalkerOptions
 
-    mission, select, refill = tables("file_formats.md", "Mission")
+    mission, select, refill, faults = tables("file_formats.md", "Mission")
     assert_rows_match(mission, MissionFile)
     assert_rows_match(select, Selection)
     assert_rows_match(refill, Refill)
+    assert_rows_match(faults, MissionFault)
     world, walkers = tables("file_formats.md", "World")
     assert_rows_match(world, model_of(VineyardOptions))
     assert_rows_match(walkers, model_of(WalkerOptions))
