@@ -8,7 +8,7 @@ from grape.mapping.planar import between, chained, compose, transform_points
 from grape.mapping.pose_graph import Edge, GraphOptions, Solution, optimise
 from grape.mapping.scan_matcher import Match, MatchOptions, Reference, match
 from grape.mapping.scans import GridOptions, grid_from_scans, predicted_ranges, scan_ends
-from grape.mapping.site_map import map_of_site
+from grape.mapping.site_map import map_of_site, plants_in_scan
 from grape.mapping.slam import SlamOptions, SlamResult, run_slam
 from grape.mapping.trajectory_error import (
     RelationError,
@@ -43,6 +43,7 @@ __all__ = [
     "match",
     "optimise",
     "parse_carmen",
+    "plants_in_scan",
     "predicted_ranges",
     "read_carmen",
     "relation_error",

@@ -14,9 +14,10 @@ from grape.actions.core import Context, InlineJobs, Outcome, Status
 from grape.clock import Clock, MonotonicClock
 from grape.drivers import Drivers
 from grape.errors import GrapeError, Reason
+from grape.mapping import plants_in_scan
 from grape.messages import Array, Odometry
 from grape.mission.drive_record import DriveRecord
-from grape.mission.file import Mission
+from grape.mission.file import OF_SITE, Mission
 from grape.mission.guard import guarded
 from grape.mission.laser_place import LaserPlace
 from grape.mission.ledger import SqliteLedger
@@ -146,11 +147,7 @@ class Runner:
             rng=np.random.default_rng([mission.seed, 7, *([self._session] if self._session > 1 else [])]),
             config=mission.actions,
         )
-        place = None
-        if mission.map is not None:
-            chance = np.random.default_rng([mission.seed, 8, self._session])
-            place = LaserPlace(mission.map, backend.drivers, robot.description, chance, self.log)
-        self._sensing = Sensing(backend.drivers, self.context.world, robot, place)
+        self._sensing = Sensing(backend.drivers, self.context.world, robot, self._place(robot.description))
         self._make_tree = make_tree
 
     def run(self) -> Finding:
@@ -185,6 +182,15 @@ class Runner:
         self._track.close()
         self._drives.close()
         self.ledger.close()
+
+    def _place(self, description: Any) -> LaserPlace | None:
+        """AMCL on the mission's map, where it has one."""
+        mission = self._mission
+        if mission.map is None:
+            return None
+        seen = {"seen": plants_in_scan} if mission.file.map == OF_SITE else {}
+        chance = np.random.default_rng([mission.seed, 8, self._session])
+        return LaserPlace(mission.map, self._backend.drivers, description, chance, self.log, **seen)
 
     def _see(self, event: dict[str, Any]) -> None:
         """Follow the robot's account; whenever it has looked, let the referee note what was so."""
