@@ -37,6 +37,9 @@ class EstimatorOptions:
         ready_yaw_std: rad.
         doubt_after: after so many refused RTK fixes in a row the estimate is not ready: better stand than drive by it.
         relocate_after: after so many the filter gives up its position.
+        still_way: m of the wheels since a fix was accepted, up to which the base still stands there. A fix that says
+            otherwise is then more likely wrong than the base pushed away.
+        still_share: a fix refused there counts for so much of one.
     """
 
     datum: Datum
@@ -48,6 +51,8 @@ class EstimatorOptions:
     ready_yaw_std: float = 0.05
     doubt_after: int = 2
     relocate_after: int = 8
+    still_way: float = 0.05
+    still_share: float = 0.125
 
 
 class PoseEstimator:
@@ -63,7 +68,8 @@ class PoseEstimator:
         self._ekf: Ekf | None = None
         self._wheels: JointState | None = None
         self._imu: Imu | None = None
-        self._refused_fixes = 0
+        self._refused_fixes = 0.0
+        self._way = 0.0  # m that the wheels have turned since a fix was accepted
 
     @property
     def initialized(self) -> bool:
@@ -144,6 +150,8 @@ class PoseEstimator:
             previous, self._wheels = self._wheels, message
             if previous is None:
                 return None
+            turned = np.abs(message.position - previous.position).mean()
+            self._way += float(np.nan_to_num(turned)) * options.wheels.wheel_radius
             yaw_rate = None if self._ekf is None else float(self._ekf.belief.mean[11])
             return from_wheels(previous, message, options.wheels, yaw_rate)
         if isinstance(message, Imu):
@@ -174,9 +182,9 @@ class PoseEstimator:
 
     def _watch_fixes(self, fix: NavSatFix, verdict: Verdict) -> None:
         if verdict is Verdict.ACCEPTED:
-            self._refused_fixes = 0
+            self._refused_fixes, self._way = 0.0, 0.0
         elif verdict is Verdict.GATED and fix.status == "fix":
-            self._refused_fixes += 1
+            self._refused_fixes += 1.0 if self._way > self.options.still_way else self.options.still_share
         if self._refused_fixes >= self.options.relocate_after and self._ekf is not None:
             self._ekf.widen(np.array([0, 1, 2]), 1.0)
             self._refused_fixes = 0

@@ -26,8 +26,8 @@ from grape.messages import Array, LaserScan
 LISTEN_S = 0.1  # between the velocities that AMCL hears
 SCAN_S = 0.25
 OLDEST_S = 0.2
-# A base that skids round is shifted by up to 0.2 m a radian. Rows repeat themselves, so nothing is searched anywhere else:
-# an AMCL that the filter contradicts for long begins anew around it.
+# A base that skids round is shifted by up to 0.2 m a radian. Rows repeat themselves, so no place is searched anywhere
+# else: an AMCL that the filter contradicts for long begins anew around it.
 OPTIONS = AmclInputOptions(
     amcl=AmclOptions(
         beams=120,

@@ -147,18 +147,21 @@ def test_good_fix_after_a_slipping_bend_is_not_taken_for_a_jump(drive, datum, fi
     assert np.hypot(*(estimator.odometry(8.0).pose[:2, 3] - true[:2])) < 0.05
 
 
-def test_robot_stands_while_good_fixes_are_refused(drive, datum, fix):
+@pytest.mark.parametrize(("turned", "doubted", "given_up"), [(0.5, 2, 8), (0.0, 16, 64)])
+def test_robot_stands_while_good_fixes_are_refused(drive, datum, fix, turned, doubted, given_up):
+    """Its wheels have turned since the last good fix, or it has stood all the time."""
     ride = drive(12, 1.0, slope=0.0)
     estimator = PoseEstimator(EstimatorOptions(datum=datum))
     level, ready = rotation_from_rpy(0, 0, 0), []
-    for k in range(1500):
+    for k in range(750 + 50 * (given_up + 5)):
         stamp, place = 1.0 + 0.02 * k, np.array([0.0 if k < 750 else 3.0, 0.0, 0.0])
-        imu, wheels = replace(ride.imu[0], stamp=stamp), replace(ride.wheels[0], stamp=stamp)
+        angle = ride.wheels[0].position + turned * np.clip((k - 710) / 20, 0.0, 1.0) / 0.165
+        imu, wheels = replace(ride.imu[0], stamp=stamp), replace(ride.wheels[0], stamp=stamp, position=angle)
         fixes = (fix(stamp, place, level, np.zeros(3)),) if k % 50 == 0 else ()
         estimator.advance(stamp, wheels=(wheels,), imu=(imu,), gnss=fixes)
         ready += [estimator.ready] * len(fixes)
-    assert ready[14:16] == [True, True], "one fix elsewhere is a jump"
-    assert ready[16:23] == [False] * 7
+    assert ready[14 : 14 + doubted] == [True] * doubted, "one fix elsewhere is a jump"
+    assert ready[14 + doubted : 14 + given_up] == [False] * (given_up - doubted)
     assert ready[-1], "where fixes stay elsewhere, they win"
 
 

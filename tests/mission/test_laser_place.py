@@ -11,7 +11,7 @@ import pytest
 from grape.errors import InvalidInput, StaleData
 from grape.geodesy import geodetic_from_enu
 from grape.localization import EstimatorOptions, GnssConfig, PoseEstimator, WheelConfig
-from grape.mapping import map_of_site, predicted_ranges
+from grape.mapping import map_of_site, plants_in_scan, predicted_ranges
 from grape.messages import Array, Imu, JointState, LaserScan, NavSatFix
 from grape.mission.catalog import robot_description
 from grape.mission.file import load_mission
@@ -133,3 +133,17 @@ def test_a_map_of_a_site_has_a_cell_for_each_plant_and_room_around() -> None:
     assert GRID.occupied().sum() == len({tuple(GRID.spec.cells(plant.position)) for plant in SITE.plants})
     assert (GRID.at(np.array([plant.position for plant in SITE.plants])) == 100).all()
     assert GRID.at(SITE.start[None])[0] == 0
+
+
+def test_of_a_scan_narrow_things_are_kept_as_far_as_their_middles() -> None:
+    ranges = np.full(40, np.inf)
+    ranges[3:5] = 2.0  # a trunk of 7 cm
+    ranges[8:30] = np.linspace(4.0, 3.5, 22)  # ground, seen slantwise
+    ranges[30:32] = 1.0  # a post before it
+    ranges[35], ranges[36], ranges[38] = np.nan, 30.0, 0.05
+    scan = LaserScan(
+        stamp=1.0, angle_min=0.0, angle_increment=0.035, range_min=0.1, range_max=25.0, ranges=ranges,
+    )  # fmt: skip
+    plants = plants_in_scan(scan)
+    assert np.flatnonzero(np.isfinite(plants.ranges)).tolist() == [3, 4, 30, 31]
+    assert plants.ranges[[3, 30]] == pytest.approx([2.04, 1.04]) and plants.stamp == 1.0
