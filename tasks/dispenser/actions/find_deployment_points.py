@@ -19,6 +19,7 @@ from grape.tasks.dispenser.actions.scan_vine import VineScan
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
 from grape.tasks.dispenser.perception.depth_view import DepthView
 from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, MergeOptions, extract_poses, merge_poses, rank
+from grape.tasks.dispenser.perception.wires import find_wires, going_on
 from grape.tasks.dispenser.row import plant_in_base
 from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, margins_of, orientations
 from grape.tasks.dispenser.targets import HangTarget, hang_line, remember_spurs
@@ -132,10 +133,11 @@ def look(scan: VineScan, k: int, box: Box) -> Look:
 
 
 def fuse(looks: Sequence[Look], sweep: Sweep, box: Box) -> tuple[tuple[DeploymentPose, ...], Array]:
-    """Spurs of a scan in base_link, best first, and the cloud (n, 3) m of all that was seen near the arm.
+    """Spurs of a scan in base_link, best first, and the cloud (n, 3) m of all that is known to be near the arm.
 
     Depth frames give the geometry: the poses of all of them are merged. The LiDAR, its range error taken out against
-    the depth frames, adds spurs that lie in no frame; it is the only source when no frame came.
+    the depth frames, adds spurs that lie in no frame; it is the only source when no frame came. Wires, which it alone
+    sees, go on where it has not looked.
     """
     camera = voxel_grid(np.vstack([look.points for look in looks]), 0.005) if looks else np.empty((0, 3))
     sweep = smooth_sweep(sweep)
@@ -147,7 +149,9 @@ def fuse(looks: Sequence[Look], sweep: Sweep, box: Box) -> tuple[tuple[Deploymen
         more = extract_poses(sweep.points[crop_mask(sweep.points, *box)], _places(sweep), LIDAR_SPURS)
         hidden = [pose for pose in more if not any(look.view.shows(pose) for look in looks)]
         poses = rank([*poses, *hidden], MergeOptions().min_score)
-    return poses, np.vstack([cloud, *(unseen_ends(pose, [look.view for look in looks]) for pose in poses if looks)])
+    wires = going_on(find_wires(sweep.points[sweep.points[:, 2] > box[0][2]]))
+    ends = [unseen_ends(pose, [look.view for look in looks]) for pose in poses if looks]
+    return poses, np.vstack([cloud, wires, *ends])
 
 
 def unseen_ends(pose: DeploymentPose, views: Sequence[DepthView]) -> Array:
