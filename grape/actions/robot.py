@@ -27,7 +27,7 @@ class Robot:
         arm: kinematics between the arm's base frame and the hand.
         hand: where the nails are in the hand, by finger angle.
         body: collision spheres of the arm with closed fingers, and the boxes of the base.
-        loaded_body: the same with a dispenser on the nails.
+        loaded_body: the same with fingers spread and a dispenser on the nails.
         planner: joint-space planner with the arm's limits.
     """
 
@@ -58,14 +58,17 @@ def build_robot(description: Any) -> Robot:
     """
     arm = ArmModel.from_mjcf(description.mjcf, description.arm.base_frame, description.arm.tip_frame)
     hand = HandModel(description.gripper)
-    body = _sphere_model(description, hand)
+    body, spread = (
+        _sphere_model(description, hand, angle)
+        for angle in (description.gripper.closed_angle, description.gripper.open_angle)
+    )
     limits = description.arm
     return Robot(
         description=description,
         arm=arm,
         hand=hand,
         body=body,
-        loaded_body=body.holding(_held_loop(description, hand, len(limits.joints)), ("link_2", "link_3")),
+        loaded_body=spread.holding(_held_loop(description, hand, len(limits.joints)), ("link_2", "link_3")),
         planner=JointPlanner(
             limits.position_min,
             limits.position_max,
@@ -75,7 +78,7 @@ def build_robot(description: Any) -> Robot:
     )
 
 
-def _sphere_model(description: Any, hand: HandModel) -> SphereModel:
+def _sphere_model(description: Any, hand: HandModel, finger_angle: float) -> SphereModel:
     arm = description.arm
     chain = read_chain(description.mjcf, arm.base_frame, arm.tip_frame)
     placements = np.array([link.T_parent_link for link in chain])
@@ -92,7 +95,7 @@ def _sphere_model(description: Any, hand: HandModel) -> SphereModel:
             capsules.append(_capsule(shape.name, len(chain), ends[0], ends[1], shape.radius))
         elif not shape.body.startswith(("finger_", "nail_", "wheel_")):
             boxes.append(_box(description, shape))
-    capsules += _fingers(description, hand, len(chain))
+    capsules += _fingers(description, hand, len(chain), finger_angle)
     return build_sphere_model(
         placements=placements, capsules=capsules, link_pairs=_link_pairs([c.link for c in capsules]), boxes=boxes
     )
@@ -122,11 +125,11 @@ def _box(description: Any, shape: Any) -> StaticBox:
     )
 
 
-def _fingers(description: Any, hand: HandModel, joint: int) -> list[LinkCapsule]:
-    """Closed fingers with their nails, and the thumb folded clear."""
+def _fingers(description: Any, hand: HandModel, joint: int, angle: float) -> list[LinkCapsule]:
+    """Fingers at an angle (rad) with their nails, and the thumb folded clear."""
     gripper = description.gripper
     mirror = np.array([-1.0, 1.0, 1.0])
-    nail = hand.nail(gripper.closed_angle)
+    nail = hand.nail(angle)
     thumb = np.array([0.00279, 0.03126, -0.11467])
     tilt = gripper.reference - gripper.thumb_clear
     thumb_tip = thumb + 0.085 * np.array([0.0, np.sin(tilt), -np.cos(tilt)])

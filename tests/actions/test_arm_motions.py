@@ -55,6 +55,17 @@ def test_named_pose_is_meant_as_it_is_not_a_whole_turn_away(bench: Bench) -> Non
     assert np.abs(bench.arm.q - named).max() < 0.01
 
 
+def test_with_a_dispenser_the_spread_fingers_count(bench: Bench) -> None:
+    bench.put_hand(AHEAD)
+    hand = bench.hand
+    beside = bench.robot.hand.nail(DESCRIPTION.gripper.open_angle) * [-1.0, 1.0, 1.0]
+    bench.world.committed[OBSTACLES] = Obstacles(transform(hand, beside[None]))
+    q = bench.ctx.world.joints()
+    assert checker_for(bench.ctx, holding=False).is_valid(q), "closed fingers are away from there"
+    loaded = checker_for(bench.ctx, holding=True)
+    assert not loaded.is_valid(q) and loaded.nearest(q).link == "finger_3"
+
+
 def test_arm_that_is_there_already_does_not_move(bench: Bench) -> None:
     bench.run(move_arm_to_named(MoveArmToNamedGoal(pose="travel"), bench.ctx), limit_s=0.1)
     assert bench.arm.sent == 0
