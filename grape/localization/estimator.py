@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from math import isfinite
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from grape.localization.measurements import (
     from_gnss,
     from_imu,
     from_wheels,
+    wheel_speeds,
 )
 from grape.localization.state import Correction, Measurement, Verdict
 from grape.messages import Array, Imu, JointState, NavSatFix, Odometry
@@ -127,7 +129,7 @@ class PoseEstimator:
         correction = self._ekf.correct(measurement)
         self.verdicts[measurement.source, correction.verdict] += 1
         if correction.accepted:
-            self._refused_fixes = 0
+            self._refused_fixes = 0.0
         return correction
 
     def _take(self, message: JointState | Imu | NavSatFix) -> None:
@@ -150,8 +152,9 @@ class PoseEstimator:
             previous, self._wheels = self._wheels, message
             if previous is None:
                 return None
-            turned = np.abs(message.position - previous.position).mean()
-            self._way += float(np.nan_to_num(turned)) * options.wheels.wheel_radius
+            left, right = wheel_speeds(previous, message, options.wheels.wheel_radius)
+            way = 0.5 * (abs(left) + abs(right)) * (message.stamp - previous.stamp)
+            self._way += way if isfinite(way) else 0.0
             yaw_rate = None if self._ekf is None else float(self._ekf.belief.mean[11])
             return from_wheels(previous, message, options.wheels, yaw_rate)
         if isinstance(message, Imu):

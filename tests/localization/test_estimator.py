@@ -8,6 +8,7 @@ import pytest
 from grape.errors import InvalidInput
 from grape.geometry import rotation_from_rpy, rotation_to_quaternion, yaw_of
 from grape.localization import EstimatorOptions, Measurement, PoseEstimator
+from grape.messages import JointState
 
 
 def run(drive, estimator, *, until: float = np.inf, gnss=None, wheels=True):
@@ -180,3 +181,18 @@ def test_a_pose_of_another_source_holds_the_estimate_and_clears_the_doubt(drive,
     value = np.array([*here[:2, 3], yaw_of(here)])
     assert estimator.correct(replace(pose, value=value)).accepted
     assert estimator.ready and estimator.verdicts["amcl", "accepted"] == 1
+
+
+def test_wheels_that_change_or_are_not_finite_are_refused_and_the_next_ones_count(drive, datum):
+    ride = drive(12, 3.0, slope=0.0)
+    estimator = PoseEstimator(EstimatorOptions(datum=datum))
+    run(ride, estimator, until=2.0)
+    last = next(m for m in reversed(ride.wheels) if m.stamp <= 2.0)
+    two = JointState(stamp=2.1, name=last.name[:2], position=np.ones(2), velocity=np.zeros(2), effort=np.zeros(2))
+    nan = replace(last, stamp=2.2, position=np.full(4, np.nan))
+    good = [replace(last, stamp=stamp) for stamp in (2.3, 2.4)]
+    accepted = estimator.verdicts["wheels", "accepted"]
+    odometry = estimator.advance(2.4, wheels=(two, nan, *good))
+    assert estimator.verdicts["wheels", "invalid"] == 2, "from four wheels to two, and back"
+    assert estimator.verdicts["wheels", "accepted"] == accepted + 1, "the first good one after nan tells no speed"
+    assert np.isfinite(odometry.pose).all()
