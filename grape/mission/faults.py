@@ -37,3 +37,12 @@ def check_faults(faults: Sequence[MissionFault], robot: Any, document: Document)
         elif fault.silent is not None and fault.silent not in known:
             hint = did_you_mean(fault.silent, known)
             yield document.problem(("faults", k, "silent"), f"got {fault.silent!r}", ", ".join(known), hint)
+        elif fault.silent is not None and any(_overlap(fault, other) for other in faults[:k]):
+            got = f"{fault.silent} is silent already"
+            yield document.problem(("faults", k, "at_s"), got, "a time after that, or one longer fault")
+
+
+def _overlap(one: MissionFault, other: MissionFault) -> bool:
+    """Whether two faults silence one sensor at the same time: the end of the first would end the second as well."""
+    together = one.at_s < other.at_s + other.for_s and other.at_s < one.at_s + one.for_s
+    return one.silent == other.silent and together

@@ -30,6 +30,7 @@ RENDER_PERIOD_S = 10.0
 UNATTENDED_S = 1.0  # simulated between a kill and the next session: longer than any actuator's time-out
 WORLD_FOLDER = "world"  # the simulated world's own; no robot reads it
 INPUTS = ("mission.yaml", "tree.xml", "site.geojson")
+MAP_FILES = (MAP_FILE, "map.pgm")  # of missions with a map of their own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,7 +191,8 @@ def execute(
 
 def identity(folder: Path) -> dict[str, str]:
     """What a ledger remembers of the program and the inputs that it was begun with."""
-    inputs = b"".join((folder / name).read_bytes() for name in INPUTS)
+    maps = (name for name in MAP_FILES if (folder / name).exists())
+    inputs = b"".join((folder / name).read_bytes() for name in (*INPUTS, *maps))
     return {"grape": __version__, "inputs": hashlib.sha256(inputs).hexdigest()}
 
 
@@ -221,7 +223,7 @@ def refuse_changed(folder: Path) -> None:
     if begun.get("grape") != now["grape"]:
         raise InvalidInput(f"{folder}: grape {begun.get('grape')} began this run, this is grape {now['grape']}")
     if begun.get("inputs") != now["inputs"]:
-        raise InvalidInput(f"{folder}: {', '.join(INPUTS)} differ from those that the run was begun with")
+        raise InvalidInput(f"{folder}: {', '.join(INPUTS)} or its map differ from those that the run was begun with")
     if moved and not (folder / WORLD_FOLDER).is_dir():
         raise InvalidInput(f"{folder}: the simulated world, {WORLD_FOLDER}/, is gone; the robot has nowhere to go on")
 

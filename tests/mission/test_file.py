@@ -14,7 +14,7 @@ from grape.actions.core import Context, Feedback, NoResult, action
 from grape.errors import FileError, InvalidInput
 from grape.mapping import save_map
 from grape.mission.file import Mission, load_mission
-from grape.mission.launch import make_folder, planned_faults, run_mission, write_inputs
+from grape.mission.launch import identity, make_folder, planned_faults, run_mission, write_inputs
 from grape.sim.faults import FreezeSensor
 from grape.site import save_site
 
@@ -92,6 +92,10 @@ def test_faults_are_kept_and_become_what_the_simulation_plans(tmp_path: Path) ->
         ("{at_s: 1, for_s: 1, silent: front_lasr}", "did you mean 'front_laser'?"),
         ("{at_s: 1, for_s: 1, silent: camera_optical}", "faults.0.silent: got 'camera_optical'"),
         ("{at_s: 1, for_s: 0, silent: gnss}", "greater than 0"),
+        (
+            "{at_s: 1, for_s: 9, silent: gnss}, {at_s: 8, for_s: 9, silent: gnss}",
+            "faults.1.at_s: gnss is silent already",
+        ),
         ("{at_s: 1, for_s: 1, gnss_jump: [500, 0]}", "less than or equal to 100"),
     ],
 )
@@ -112,6 +116,9 @@ def test_a_map_is_the_sites_or_a_file_that_the_run_folder_keeps(tmp_path: Path) 
     write_inputs(mine, run)
     np.testing.assert_array_equal(load_mission(str(run / "mission.yaml")).map.occupancy, of_site.map.occupancy)
     assert load_mission("dispenser_deployment").map is None
+    before, picture = identity(run), run / "map.pgm"
+    picture.write_bytes(picture.read_bytes()[:-1] + b"\x01")
+    assert identity(run) != before, "another map is another input"
 
 
 def test_what_is_wrong_with_a_map_is_told(tmp_path: Path) -> None:
