@@ -106,7 +106,7 @@ def numpy_logs(field: LikelihoodField, poses: Array, scan: LaserScan) -> Array:
     """Mean log-likelihoods (n,) of 60 beams of a scan."""
     angles = scan.angle_min + scan.angle_increment * np.arange(scan.ranges.size)
     seen = np.flatnonzero(scan.ranges < MAX_RANGE)
-    seen = seen[np.linspace(0, len(seen) - 1, BEAMS).round().astype(int)]
+    seen = seen[np.arange(BEAMS) * (len(seen) - 1) // (BEAMS - 1)]
     x, y = scan.ranges[seen] * np.cos(angles[seen]), scan.ranges[seen] * np.sin(angles[seen])
     c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
     spec, bordered = field.spec, field.bordered

@@ -203,10 +203,7 @@ class Amcl:
 
     def _beams(self, scan: LaserScan) -> Array:
         """Points (m, 2) in the robot's frame of `beams` beams, evenly chosen among those with a return."""
-        points = scan_ends(scan, self.options.max_range, self.mount)
-        if len(points) > self.options.beams:
-            points = points[np.linspace(0, len(points) - 1, self.options.beams).round().astype(int)]
-        return np.ascontiguousarray(points)
+        return np.ascontiguousarray(scan_ends(scan, self.options.max_range, self.mount, self.options.beams))
 
     def _strangers(self, likelihood: float) -> float:
         """Share of particles to draw anywhere, by the likelihood's slow and fast averages."""
@@ -270,15 +267,13 @@ class Amcl:
         from grape.localization.amcl_kernels import resample
 
         options = self.options
-        cumulative = np.cumsum(self.weights)
-        cumulative /= cumulative[-1]
         strange = rng.random(options.most) < strangers if strangers > 0.0 else np.zeros(0, bool)
         size = np.array([options.bin_way, options.bin_way, options.bin_turn])
         chosen = resample(
-            self.poses, cumulative, rng.random(options.most), others, strange, size,
+            self.poses, self.weights, rng.random(options.most), others, strange, size,
             options.least, options.kld_error, options.kld_quantile,
         )  # fmt: skip
-        kept = self.poses[np.maximum(chosen, 0)]
+        kept = self.poses.take(np.maximum(chosen, 0), axis=0)
         if strangers > 0.0:
             kept = np.where((chosen < 0)[:, None], others[np.maximum(-1 - chosen, 0)], kept)
         self.poses = kept

@@ -13,6 +13,7 @@ from numba import njit
 from grape.messages import Array
 
 TURN = 2.0 * np.pi
+BLOCK = 256  # particles weighed together: their numbers stay in the nearest cache
 
 
 @njit(cache=True)
@@ -30,14 +31,14 @@ def move(poses: Array, motion: Array, std: Array, random: Array) -> Array:
     """Poses (n, 3) after a turn, a way and a turn, each particle with its own errors.
 
     Args:
-        motion: (3,) rad, m, rad. std: (3,) of its errors. random: (3, n) of the normal distribution.
+        motion: (3,) rad, m, rad. std: (3,) of its errors. random: (3, n) float32 of the normal distribution.
     """
     result = np.empty_like(poses)
     for i in range(poses.shape[0]):
         yaw = poses[i, 2] + motion[0] + std[0] * random[0, i]
-        way = motion[1] + std[1] * random[1, i]
-        result[i, 0] = poses[i, 0] + way * np.cos(yaw)
-        result[i, 1] = poses[i, 1] + way * np.sin(yaw)
+        way, course = motion[1] + std[1] * random[1, i], np.float32(yaw)
+        result[i, 0] = poses[i, 0] + way * np.cos(course)
+        result[i, 1] = poses[i, 1] + way * np.sin(course)
         result[i, 2] = wrapped(yaw + motion[2] + std[2] * random[2, i])
     return result
 
@@ -46,27 +47,33 @@ def move(poses: Array, motion: Array, std: Array, random: Array) -> Array:
 def log_weights(field: Array, x_min: float, y_min: float, resolution: float, poses: Array, points: Array) -> Array:
     """Mean log-likelihood (n,) of the points (m, 2) m, given in the robot's frame, for poses (n, 3) x y yaw.
 
+    Goes beam by beam over blocks of particles, first all their cells and then what stands in them: loops so long and
+    so simple become vector instructions.
+
     Args:
         field: (rows + 2, columns + 2) float32; its border holds everywhere beyond the map.
         x_min, y_min: m, corner of the map, one cell inside the field.
     """
-    count, width, flat = points.shape[0], np.uint64(field.shape[1]), field.ravel()
+    n, width, flat, scale = poses.shape[0], np.uint32(field.shape[1]), field.ravel(), 1.0 / resolution
     zero, last_row, last_column = np.float32(0), np.float32(field.shape[0] - 1), np.float32(field.shape[1] - 1)
-    px, py = points[:, 0].astype(np.float32), points[:, 1].astype(np.float32)
-    rows, columns = np.empty(count, np.int32), np.empty(count, np.int32)
-    result = np.empty(poses.shape[0])
-    scale = 1.0 / resolution
-    for i in range(poses.shape[0]):
-        c, s = np.float32(np.cos(poses[i, 2]) * scale), np.float32(np.sin(poses[i, 2]) * scale)
-        x, y = np.float32((poses[i, 0] - x_min) * scale + 1.0), np.float32((poses[i, 1] - y_min) * scale + 1.0)
-        for k in range(count):
-            columns[k] = np.int32(min(max(x + c * px[k] - s * py[k], zero), last_column))
-            rows[k] = np.int32(min(max(y + s * px[k] + c * py[k], zero), last_row))
-        total = np.float32(0)
-        for k in range(count):
-            total += flat[np.uint64(rows[k]) * width + np.uint64(columns[k])]
-        result[i] = total / max(count, 1)
-    return result
+    x = ((poses[:, 0] - x_min) * scale + 1.0).astype(np.float32)
+    y = ((poses[:, 1] - y_min) * scale + 1.0).astype(np.float32)
+    px, py = (points[:, 0] * scale).astype(np.float32), (points[:, 1] * scale).astype(np.float32)
+    yaw = poses[:, 2].astype(np.float32)
+    c, s = np.cos(yaw), np.sin(yaw)
+    total, cells = np.zeros(n, np.float32), np.empty(BLOCK, np.uint32)
+    for start in range(0, n, BLOCK):
+        block = slice(start, min(start + BLOCK, n))
+        bx, by, bc, bs, sums = x[block], y[block], c[block], s[block], total[block]
+        for k in range(points.shape[0]):
+            ahead, left = px[k], py[k]
+            for i in range(sums.size):
+                column = np.int32(min(max(bx[i] + bc[i] * ahead - bs[i] * left, zero), last_column))
+                row = np.int32(min(max(by[i] + bs[i] * ahead + bc[i] * left, zero), last_row))
+                cells[i] = np.uint32(np.uint32(row) * width) + np.uint32(column)
+            for i in range(sums.size):
+                sums[i] += flat[cells[i]]
+    return total / max(points.shape[0], 1)
 
 
 @njit(cache=True)
@@ -87,17 +94,40 @@ def empty_table(entries: int) -> Array:
     return np.full(size, np.int64(-1))
 
 
+@njit(cache=True, fastmath=True)
+def bins_of(poses: Array, bin_size: Array) -> Array:
+    """Numbers (n,) of the bins that poses (n, 3), their yaw within -pi and pi, lie in."""
+    numbers = np.empty(poses.shape[0], np.int64)
+    in_x, in_y, in_yaw = 1.0 / bin_size[0], 1.0 / bin_size[1], 1.0 / bin_size[2]
+    for i in range(poses.shape[0]):
+        x, y = np.int64(np.floor(poses[i, 0] * in_x)) + 1048576, np.int64(np.floor(poses[i, 1] * in_y)) + 1048576
+        numbers[i] = (x * 2097152 + y) * 1024 + np.int64((poses[i, 2] + np.pi) * in_yaw)
+    return numbers
+
+
 @njit(cache=True)
-def slot_of(table: Array, x: float, y: float, yaw: float, bin_size: Array) -> tuple[int, bool]:
-    """Where the bin of a pose, its yaw within -pi and pi, is in the table, and whether it was put there only now."""
-    key = (np.int64(np.floor(x / bin_size[0])) + 1048576) * 2097152 + np.int64(np.floor(y / bin_size[1])) + 1048576
-    key = key * 1024 + np.int64((yaw + np.pi) / bin_size[2])
-    slot = (key * 2654435761 >> 7) & (table.size - 1)
-    while table[slot] != -1 and table[slot] != key:
+def slot_of(table: Array, number: int) -> int:
+    """Where a bin is in the table, or where it belongs if it is not there yet."""
+    slot = (number * 2654435761 >> 7) & (table.size - 1)
+    while table[slot] != -1 and table[slot] != number:
         slot = (slot + 1) & (table.size - 1)
-    new = bool(table[slot] == -1)
-    table[slot] = key
-    return int(slot), new
+    return slot
+
+
+@njit(cache=True, fastmath=True)
+def moments(columns: Array, weights: Array, mean: Array, reach: Array) -> Array:
+    """Weight, means (3) and products (6) of x y yaw (3, n) relative to `mean`, of the particles within reach of it."""
+    x, y, yaw = columns[0], columns[1], columns[2]
+    far, turned = reach[0] * reach[0], reach[2]
+    share = sx = sy = st = xx = xy = yy = xt = yt = tt = 0.0
+    for i in range(weights.size):
+        dx, dy, t = x[i] - mean[0], y[i] - mean[1], yaw[i] - mean[2]
+        t -= TURN * np.floor(t / TURN + 0.5)
+        w = weights[i] if dx * dx + dy * dy < far and abs(t) < turned else 0.0
+        share, sx, sy, st = share + w, sx + w * dx, sy + w * dy, st + w * t
+        xx, xy, yy = xx + w * dx * dx, xy + w * dx * dy, yy + w * dy * dy
+        xt, yt, tt = xt + w * dx * t, yt + w * dy * t, tt + w * t * t
+    return np.array([share, sx, sy, st, xx, xy, yy, xt, yt, tt])
 
 
 @njit(cache=True)
@@ -107,35 +137,27 @@ def heaviest(poses: Array, weights: Array, reach: Array) -> tuple[Array, Array, 
     Args:
         reach: (3,) m, m, rad: size of the bins; particles count whose way and turn from the mean are below it.
     """
-    table = empty_table(poses.shape[0])
+    table, bins = empty_table(poses.shape[0]), bins_of(poses, reach)
     total = np.zeros(table.size)
     best, most = 0, -1.0
     for i in range(poses.shape[0]):
-        slot, _ = slot_of(table, poses[i, 0], poses[i, 1], poses[i, 2], reach)
+        slot = slot_of(table, bins[i])
+        table[slot] = bins[i]
         total[slot] += weights[i]
         if total[slot] > most:
             best, most = i, total[slot]
-    mean = poses[best].copy()
-    square, share = np.zeros((3, 3)), 0.0
-    for last in (False, False, True):
-        x, y, yaw, share = 0.0, 0.0, 0.0, 0.0
-        for i in range(poses.shape[0]):
-            dx, dy, turn = poses[i, 0] - mean[0], poses[i, 1] - mean[1], wrapped(poses[i, 2] - mean[2])
-            if dx * dx + dy * dy >= reach[0] * reach[0] or abs(turn) >= reach[2]:
-                continue
-            w = weights[i]
-            share, x, y, yaw = share + w, x + w * dx, y + w * dy, yaw + w * turn
-            if last:
-                off = (dx, dy, turn)
-                for a in range(3):
-                    for b in range(a + 1):
-                        square[a, b] += w * off[a] * off[b]
-        shift = np.array([x, y, yaw]) / share
-        mean += shift
-    covariance = np.empty((3, 3))
+    mean, columns = poses[best].copy(), poses.T.copy()
+    for _ in range(2):
+        sums = moments(columns, weights, mean, reach)
+        mean += sums[1:4] / sums[0]
+    sums = moments(columns, weights, mean, reach)
+    share, shift = sums[0], sums[1:4] / sums[0]
+    covariance, entry = np.empty((3, 3)), 4
     for a in range(3):
         for b in range(a + 1):
-            covariance[a, b] = covariance[b, a] = square[a, b] / share - shift[a] * shift[b]
+            covariance[a, b] = covariance[b, a] = sums[entry] / share - shift[a] * shift[b]
+            entry += 1
+    mean += shift
     mean[2] = wrapped(mean[2])
     return mean, covariance, share
 
@@ -143,7 +165,7 @@ def heaviest(poses: Array, weights: Array, reach: Array) -> tuple[Array, Array, 
 @njit(cache=True)
 def resample(
     poses: Array,
-    cumulative: Array,
+    weights: Array,
     uniforms: Array,
     strangers: Array,
     strange: Array,
@@ -155,32 +177,34 @@ def resample(
     """Indices (k,) of drawn particles, or -1 - j for the stranger j; stops at the KLD bound.
 
     Args:
-        poses: (n, 3). cumulative: (n,) sums of weights, the last one 1.
+        poses: (n, 3). weights: (n,), of any sum above 0.
         uniforms: (most,) in [0, 1), which choose the particles.
         strangers: (most, 3) poses from anywhere. strange: (most,) whether to take one, or (0,) for never.
         bin_size: (3,) m, m, rad.
     """
-    most, n = uniforms.size, poses.shape[0]
-    guide, at = np.empty(n, np.int64), 0
+    most, n, cumulative = uniforms.size, poses.shape[0], np.cumsum(weights)
+    cumulative /= cumulative[-1]
+    guide = np.zeros(n + 1, np.int64)  # from which particle on to look, for each n-th of the sums
+    for i in range(n - 1):
+        guide[min(int(cumulative[i] * n) + 1, n)] = i + 1
     for j in range(n):
-        while at < n - 1 and cumulative[at] <= j / n:
-            at += 1
-        guide[j] = at
-    table, bins, bound = empty_table(most), 0, 1.0
+        guide[j + 1] = max(guide[j], guide[j + 1])
+    bins, strange_bins = bins_of(poses, bin_size), bins_of(strangers, bin_size)
+    table, count, bound = empty_table(most), 0, 1.0
     chosen = np.empty(most, np.int64)
     for k in range(most):
         if strange.size and strange[k]:
-            chosen[k] = -1 - k
-            x, y, yaw = strangers[k, 0], strangers[k, 1], strangers[k, 2]
+            chosen[k], number = -1 - k, strange_bins[k]
         else:
             at = guide[int(uniforms[k] * n)]
             while at < n - 1 and cumulative[at] <= uniforms[k]:
                 at += 1
-            chosen[k] = at
-            x, y, yaw = poses[at, 0], poses[at, 1], poses[at, 2]
-        if slot_of(table, x, y, yaw, bin_size)[1]:
-            bins += 1
-            bound = kld_bound(bins, error, quantile)
+            chosen[k], number = at, bins[at]
+        slot = slot_of(table, number)
+        if table[slot] == -1:
+            table[slot] = number
+            count += 1
+            bound = kld_bound(count, error, quantile)
         if k + 1 >= least and k + 1 >= bound:
             return chosen[: k + 1]
     return chosen

@@ -37,11 +37,15 @@ class GridOptions:
     margin: float = 1.0  # m around everything seen
 
 
-def scan_ends(scan: LaserScan, max_range: float, mount: Array | None = None) -> Array:
-    """Points (n, 2) m in the robot's frame where beams shorter than `max_range` end; `mount` (3,) is the laser's."""
-    angles = scan.angle_min + scan.angle_increment * np.arange(scan.ranges.size)
-    valid = np.isfinite(scan.ranges) & (scan.ranges > scan.range_min) & (scan.ranges < max_range)
-    r, a = scan.ranges[valid], angles[valid]
+def scan_ends(scan: LaserScan, max_range: float, mount: Array | None = None, most: int | None = None) -> Array:
+    """Points (n, 2) m in the robot's frame where beams shorter than `max_range` end; `mount` (3,) is the laser's.
+
+    Of more than `most` of them so many, evenly chosen.
+    """
+    ended = np.flatnonzero((scan.ranges > scan.range_min) & (scan.ranges < max_range))
+    if most is not None and len(ended) > most:
+        ended = ended[np.arange(most) * (len(ended) - 1) // max(most - 1, 1)]
+    r, a = scan.ranges[ended], scan.angle_min + scan.angle_increment * ended
     points = np.column_stack([r * np.cos(a), r * np.sin(a)])
     return points if mount is None else transform_points(mount, points)
 

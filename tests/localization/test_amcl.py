@@ -170,15 +170,17 @@ def test_resampling_follows_weights_and_stops_early_where_particles_are_close() 
     poses = np.array([[0.0, 0, 0], [5.0, 0, 0]])
     size, nobody = np.array([0.25, 0.25, 0.2]), np.zeros((4000, 3))
     uniforms, never = rng.random(4000), np.zeros(0, bool)
-    chosen = resample(poses, np.array([0.25, 1.0]), uniforms, nobody, never, size, 1000, 0.05, 2.3)
+    chosen = resample(poses, np.array([0.25, 0.75]), uniforms, nobody, never, size, 1000, 0.05, 2.3)
     assert len(chosen) == 1000, "two bins need few particles"
     assert (chosen == 1).mean() == pytest.approx(0.75, abs=0.05)
     spread = rng.uniform(-50, 50, (4000, 3))
-    even = np.linspace(1 / 4000, 1.0, 4000)
+    even = np.full(4000, 0.5)
     spread[:, 2] = rng.uniform(-np.pi, np.pi, 4000)
     assert len(resample(spread, even, uniforms, nobody, never, size, 10, 0.05, 2.3)) == 4000
+    rest = np.r_[even[:3000], np.zeros(1000)]
+    assert resample(spread, rest, uniforms, nobody, never, size, 10, 0.05, 2.3).max() < 3000, "none without weight"
     strange = rng.random(4000) < 0.3
-    mixed = resample(poses, np.array([0.25, 1.0]), uniforms, spread, strange, size, 4000, 0.05, 2.3)
+    mixed = resample(poses, np.array([0.25, 0.75]), uniforms, spread, strange, size, 4000, 0.05, 2.3)
     assert (np.flatnonzero(mixed < 0) == np.flatnonzero(strange)).all()
     assert (mixed[strange] == -1 - np.flatnonzero(strange)).all(), "each stranger once"
 
@@ -208,7 +210,7 @@ def test_motion_without_noise_is_the_step_and_backwards_is_no_turn() -> None:
     many = np.zeros((4000, 3))
     turning = OdometryNoise(turn_by_way=0.0, least_turn=0.0)
     back = moved(many, np.array([-1.0, 0.0, 0.0]), turning, np.random.default_rng(0))
-    assert np.abs(np.abs(back[:, 1])).max() < 1e-9, "a straight way back has no turn to be wrong about"
+    assert np.abs(np.abs(back[:, 1])).max() < 1e-6, "a straight way back has no turn to be wrong about"
 
 
 def test_a_scan_of_weeds_alone_moves_nobody(field: LikelihoodField, drive: tuple) -> None:
