@@ -13,6 +13,7 @@ from numba import njit
 from grape.messages import Array
 
 TURN = 2.0 * np.pi
+SPREAD = np.uint64(0x9E3779B97F4A7C15)  # Fibonacci hashing: 2^64 by the golden ratio; the upper bits are well mixed
 BLOCK = 256  # particles weighed together: their numbers stay in the nearest cache
 
 
@@ -108,7 +109,7 @@ def bins_of(poses: Array, bin_size: Array) -> Array:
 @njit(cache=True)
 def slot_of(table: Array, number: int) -> int:
     """Where a bin is in the table, or where it belongs if it is not there yet."""
-    slot = (number * 2654435761 >> 7) & (table.size - 1)
+    slot = np.int64((np.uint64(number) * SPREAD) >> np.uint64(40)) & (table.size - 1)
     while table[slot] != -1 and table[slot] != number:
         slot = (slot + 1) & (table.size - 1)
     return slot
@@ -184,11 +185,12 @@ def resample(
     """
     most, n, cumulative = uniforms.size, poses.shape[0], np.cumsum(weights)
     cumulative /= cumulative[-1]
-    guide = np.zeros(n + 1, np.int64)  # from which particle on to look, for each n-th of the sums
+    guide, found = np.zeros(n + 1, np.int64), 0  # the particle to search from, for each n-th of the sums
     for i in range(n - 1):
         guide[min(int(cumulative[i] * n) + 1, n)] = i + 1
     for j in range(n):
-        guide[j + 1] = max(guide[j], guide[j + 1])
+        found = max(found, guide[j])
+        guide[j] = found
     bins, strange_bins = bins_of(poses, bin_size), bins_of(strangers, bin_size)
     table, count, bound = empty_table(most), 0, 1.0
     chosen = np.empty(most, np.int64)

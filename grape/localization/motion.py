@@ -5,12 +5,12 @@ Source: Thrun, Burgard and Fox, Probabilistic Robotics, 2005, table 5.6.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from grape.errors import InvalidInput
-from grape.geometry import wrap_angle
 from grape.messages import Array
 
 
@@ -35,15 +35,17 @@ def moved(poses: Array, step: Array, noise: OdometryNoise, rng: np.random.Genera
     """Poses (n, 3) after a step (3,) x y yaw of odometry in the robot's own axes, each with its own error."""
     from grape.localization.amcl_kernels import move
 
-    way = float(np.hypot(step[0], step[1]))
-    heading = float(np.arctan2(step[1], step[0])) if way > 0.01 else 0.0
-    rest = float(wrap_angle(step[2] - heading))
+    x, y, turn = step.tolist()
+    way = math.hypot(x, y)
+    heading = math.atan2(y, x) if way > 0.01 else 0.0
+    rest = math.remainder(turn - heading, math.tau)
     bend, unbend = _least_turn(heading), _least_turn(rest)  # driving backwards is no turn
-    first, second = np.sqrt(noise.turn_by_turn * np.array([bend, unbend]) ** 2 + noise.turn_by_way * way**2)
-    along = np.sqrt(noise.way_by_way * way**2 + noise.way_by_turn * (bend**2 + unbend**2))
+    first = math.sqrt(noise.turn_by_turn * bend**2 + noise.turn_by_way * way**2)
+    second = math.sqrt(noise.turn_by_turn * unbend**2 + noise.turn_by_way * way**2)
+    along = math.sqrt(noise.way_by_way * way**2 + noise.way_by_turn * (bend**2 + unbend**2))
     std = np.array([first, along + noise.least_way, second + noise.least_turn])
     return move(poses, np.array([heading, way, rest]), std, rng.standard_normal((3, len(poses)), np.float32))
 
 
 def _least_turn(angle: float) -> float:
-    return min(abs(angle), abs(abs(angle) - np.pi))
+    return min(abs(angle), abs(abs(angle) - math.pi))
