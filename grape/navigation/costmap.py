@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
 
 from grape.errors import InvalidInput
-from grape.messages import Array
+from grape.messages import Array, frozen_array
 from grape.navigation.grid import FREE, INSCRIBED, LETHAL, UNKNOWN, Costmap, Footprint, GridSpec
 
 
@@ -152,16 +153,26 @@ def inflate(cost: Array, resolution: float, options: InflationOptions) -> Array:
     lethal = cost == LETHAL
     if not lethal.any():
         return cost.copy()
-    distance = cv2.distanceTransform((~lethal).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * resolution
-    raised = np.zeros_like(cost)
-    near = distance <= options.radius
-    decay = np.exp(-options.scaling * np.maximum(distance[near] - options.inscribed, 0.0))
-    raised[near] = np.minimum(INSCRIBED - 1, np.round((INSCRIBED - 1) * decay)).astype(np.uint8)
+    distance = cv2.distanceTransform((~lethal).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    raised_by = _cost_by_square(resolution, options)
+    square = np.minimum(np.rint(distance * distance), len(raised_by) - 1).astype(np.intp)  # in cells: whole numbers
+    raised = raised_by.take(square)
+    inflated = np.maximum(cost, raised)
+    np.copyto(inflated, raised, where=(cost == UNKNOWN) & (raised >= INSCRIBED))
+    return inflated
+
+
+@lru_cache(maxsize=16)
+def _cost_by_square(resolution: float, options: InflationOptions) -> Array:
+    """(n,) uint8 what a lethal cell makes of a cell so many squared cells away; the last one is 0."""
+    last = int((max(options.radius, options.inscribed) / resolution) ** 2) + 2
+    distance = np.sqrt(np.arange(last)) * resolution
+    decay = np.exp(-options.scaling * np.maximum(distance - options.inscribed, 0.0))
+    raised = np.minimum(INSCRIBED - 1, np.round((INSCRIBED - 1) * decay))
+    raised[distance > options.radius] = FREE
     raised[distance <= options.inscribed] = INSCRIBED
-    raised[lethal] = LETHAL
-    return np.where(
-        (cost == UNKNOWN) & (raised < INSCRIBED), cost, np.maximum(np.where(cost == UNKNOWN, 0, cost), raised)
-    )
+    raised[0] = LETHAL
+    return frozen_array(raised, np.uint8)
 
 
 def layered_costmap(

@@ -92,18 +92,17 @@ def mark_and_clear(
             if 0 <= i < rows and 0 <= j < columns and touched[i, j] == 0:
                 touched[i, j] = 1
                 evidence[i, j] = min(most, evidence[i, j] + gain)
+    along = 0.7  # cells between places where it is looked which cell a beam passes
+    x, y = (sensor[0] - x_min) / step, (sensor[1] - y_min) / step
     for k in range(ends.shape[0]):
-        dx, dy = ends[k, 0] - sensor[0], ends[k, 1] - sensor[1]
+        dx, dy = (ends[k, 0] - sensor[0]) / step, (ends[k, 1] - sensor[1]) / step
         length = np.sqrt(dx * dx + dy * dy)
-        if hit[k]:
-            length -= 1.5 * step
-        steps = int(length / (0.7 * step))
+        steps = int((length - 1.5 if hit[k] else length) / along)
         if steps <= 0:
             continue
-        ux, uy = dx / np.sqrt(dx * dx + dy * dy) * 0.7 * step, dy / np.sqrt(dx * dx + dy * dy) * 0.7 * step
+        ux, uy = along * dx / length, along * dy / length
         for n in range(steps):
-            i = int(np.floor((sensor[1] + n * uy - y_min) / step))
-            j = int(np.floor((sensor[0] + n * ux - x_min) / step))
+            i, j = int(np.floor(y + n * uy)), int(np.floor(x + n * ux))
             if i < 0 or j < 0 or i >= rows or j >= columns:
                 continue
             if touched[i, j] == 0:
