@@ -166,7 +166,7 @@ def inflate(cost: Array, resolution: float, options: InflationOptions) -> Array:
 def _cost_by_square(resolution: float, options: InflationOptions) -> Array:
     """(n,) uint8 what a lethal cell makes of a cell so many squared cells away; the last one is 0."""
     last = int((max(options.radius, options.inscribed) / resolution) ** 2) + 2
-    distance = np.sqrt(np.arange(last)) * resolution
+    distance = np.sqrt(np.arange(last)) * resolution - 1e-9  # so that ten cells of 0.07 m are within 0.7 m
     decay = np.exp(-options.scaling * np.maximum(distance - options.inscribed, 0.0))
     raised = np.minimum(INSCRIBED - 1, np.round((INSCRIBED - 1) * decay))
     raised[distance > options.radius] = FREE
