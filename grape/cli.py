@@ -46,6 +46,10 @@ Assignments = Annotated[
         "--set", metavar="KEY=VALUE", help="Change a key of the mission file, such as world.rows=5; repeatable."
     ),
 ]
+FilterAssignments = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the configuration, such as rate=50; repeatable."),
+]
 WorldFile = Annotated[
     Path | None, typer.Option("--world", metavar="FILE", help="Use another world: a world's YAML, or a site's GeoJSON.")
 ]
@@ -162,7 +166,7 @@ def filter_(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Estimate, .csv or .jsonl; default: <LOG>.estimate.csv.")
     ] = None,
-    assignments: Assignments = None,
+    assignments: FilterAssignments = None,
 ) -> None:
     """Estimate where a robot was from recorded readings of its sensors.
 
@@ -306,6 +310,10 @@ def main() -> None:
         code = app(standalone_mode=False)
     except GrapeError as error:
         typer.echo(f"error: {error}", err=True)
+        code = INPUT_ERROR
+    except OSError as error:  # no room on the disk, no right to write there, a name that is too long
+        place = f"{error.filename}: " if error.filename is not None else ""
+        typer.echo(f"error: {place}{error.strerror or error}", err=True)
         code = INPUT_ERROR
     except typer.Abort:
         code = EXIT["aborted"]

@@ -9,15 +9,15 @@ import dataclasses
 import json
 import re
 import typing
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
 import pydantic
 from pydantic import BaseModel, ConfigDict
 
-from grape.errors import FileError, InvalidInput, Problem, did_you_mean
-from grape.yaml_document import OVERRIDE, Document, Key, dotted, load_yaml, parse_yaml, read_text
+from grape.errors import MOST_PROBLEMS, FileError, InvalidInput, Problem, did_you_mean
+from grape.yaml_document import MAX_DEPTH, OVERRIDE, Document, Key, dotted, load_yaml, parse_yaml, read_text
 
 __all__ = [
     "Document",
@@ -61,14 +61,16 @@ def override(document: Document, assignments: Iterable[str]) -> Document:
     problems: list[Problem] = []
     for assignment in assignments:
         name, separator, text = assignment.partition("=")
-        if not separator or not all(name.split(".")):
+        if not separator or not all(part and part.isprintable() for part in name.split(".")):
             problems.append(
                 Problem(file=OVERRIDE, got=f"got {assignment!r}", allowed="KEY=VALUE, such as seed=3 or world.rows=5")
             )
             continue
         try:
-            value = parse_yaml(f"value: {text}", OVERRIDE).data["value"]
-            paths.append(_assign(data, name.split("."), value))
+            given = parse_yaml(f"value: {text}", OVERRIDE).data
+            if len(given) > 1:
+                raise InvalidInput(f"got {text!r}, which sets more than one key; give each its own {OVERRIDE}")
+            paths.append(_assign(data, name.split("."), given["value"]))
         except FileError as error:
             problems += [dataclasses.replace(p, path=name, line=0, column=0) for p in error.problems]
         except InvalidInput as error:
@@ -80,6 +82,8 @@ def override(document: Document, assignments: Iterable[str]) -> Document:
 
 def _assign(data: dict[str, Any], names: list[str], value: Any) -> Key:
     """Put a value at a path, making mappings on the way; returns the path as a key."""
+    if len(names) > MAX_DEPTH:
+        raise InvalidInput(f"{len(names)} levels deep; allowed: at most {MAX_DEPTH}")
     at: Any = data
     key: list[str | int] = []
     for depth, name in enumerate(names):
@@ -112,7 +116,7 @@ def validate(model: type[M], document: Document) -> M:
     try:
         return model.model_validate_json(json.dumps(document.data))
     except pydantic.ValidationError as error:
-        raise FileError(_problem(model, document, dict(detail)) for detail in error.errors()) from error
+        raise FileError(_problems(model, document, error)) from error
 
 
 def validate_options(
@@ -147,8 +151,7 @@ def validate_options(
             return checked
         return options(**{name: getattr(checked, name) for name in checked.model_fields_set})
     except pydantic.ValidationError as error:
-        details = [dict(detail) for detail in error.errors()]
-        raise FileError(_problem(model, document, detail, at, reserved) for detail in details) from error
+        raise FileError(_problems(model, document, error, at, reserved)) from error
     except InvalidInput as error:
         raise FileError([document.problem(_named_key(at, values, str(error)), str(error))]) from error
 
@@ -173,8 +176,20 @@ def model_of(options: type[Any]) -> type[Model]:
     return pydantic.create_model(options.__name__, __base__=Model, **fields)
 
 
+def _problems(
+    model: type[BaseModel],
+    document: Document,
+    error: pydantic.ValidationError,
+    at: Key = (),
+    reserved: tuple[str, ...] = (),
+) -> Iterator[Problem]:
+    """The first of a validation's errors as problems."""
+    for detail in error.errors()[:MOST_PROBLEMS]:
+        yield _problem(model, document, dict(detail), at, reserved)
+
+
 def _problem(
-    model: type[BaseModel], document: Document, detail: dict[str, Any], at: Key = (), reserved: tuple[str, ...] = ()
+    model: type[BaseModel], document: Document, detail: dict[str, Any], at: Key, reserved: tuple[str, ...]
 ) -> Problem:
     """A pydantic error as a problem: what was got, what is allowed, and a suggestion."""
     loc: Key = tuple(detail["loc"])

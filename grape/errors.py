@@ -7,6 +7,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 
+MOST_PROBLEMS = 100  # of one file: who has more mends the first and asks again
+
 
 class GrapeError(Exception):
     """Base of every error that grape raises on purpose."""

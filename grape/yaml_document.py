@@ -23,6 +23,7 @@ MAX_BYTES = 256 * 1024
 MAX_DEPTH = 16
 OVERRIDE = "--set"
 
+_COLLECTIONS = ("map", "seq")
 _PLAIN_TAGS = ("null", "bool", "int", "float", "str", "timestamp", "merge", "value")
 
 Key = tuple[str | int, ...]
@@ -146,6 +147,15 @@ def _forbidden_constructs(text: str, file: str) -> list[Problem]:
     return problems
 
 
+def _kind(node: Node) -> str:
+    return str(node.tag).removeprefix("tag:yaml.org,2002:")
+
+
+def _is_text(value: str) -> bool:
+    """Whether UTF-8 can say it: halves of surrogate pairs, which escapes can name, it cannot."""
+    return not any("\ud800" <= letter <= "\udfff" for letter in value)
+
+
 class _Builder:
     """Turns composed nodes into plain data and notes places and problems."""
 
@@ -157,6 +167,9 @@ class _Builder:
 
     def build(self, node: Node, key: Key) -> Any:
         self.places.setdefault(key, self._place(node))
+        if not isinstance(node, ScalarNode) and _kind(node) not in _COLLECTIONS:
+            self._refuse(node, key, f"tag {node.tag}", "plain values")
+            return None
         if isinstance(node, MappingNode):
             return self._mapping(node, key)
         if isinstance(node, SequenceNode):
@@ -170,6 +183,9 @@ class _Builder:
                 self._refuse(key_node, key, f"a {key_node.id} as a key", "a word")
                 continue
             name = str(key_node.value)
+            if not _is_text(name):
+                self._refuse(key_node, key, f"{name!r} as a key", "a word")
+                continue
             if name in data:
                 self._refuse(key_node, (*key, name), "key is given twice", "each key once")
                 continue
@@ -178,15 +194,17 @@ class _Builder:
         return data
 
     def _scalar(self, node: Node, key: Key) -> Any:
-        kind = str(node.tag).removeprefix("tag:yaml.org,2002:")
+        kind = _kind(node)
         if kind not in _PLAIN_TAGS:
             self._refuse(node, key, f"tag {node.tag}", "plain values")
             return None
         if kind not in ("null", "bool", "int", "float"):
+            if not _is_text(str(node.value)):
+                self._refuse(node, key, f"{str(node.value)[:40]!r} is no text", "UTF-8 text")
             return str(node.value)
         try:
             value = self._constructor.construct_object(node)
-        except (ValueError, YAMLError):
+        except (ValueError, LookupError, YAMLError):
             self._refuse(node, key, f"{str(node.value)[:40]!r} is no {kind}", f"a {kind}")
             return None
         if isinstance(value, int | float) and not (math.isfinite(value) if abs(value) < 1e300 else False):

@@ -45,6 +45,11 @@ def test_help_names_commands_and_exit_codes(capsys: pytest.CaptureFixture[str]) 
         assert word in out
 
 
+def test_each_set_option_says_which_file_it_changes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "key of the mission file" in grape_command(capsys, "run", "--help")[1]
+    assert "key of the configuration" in grape_command(capsys, "filter", "--help")[1]
+
+
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert grape_command(capsys, "--version")[:2] == (0, f"grape {grape.__version__}\n")
 
@@ -54,6 +59,8 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     [
         (["run", "dispenser_deploymnt"], "did you mean 'dispenser_deployment'?"),
         (["run", "--set", "world.stile=cordon"], "did you mean 'style'?"),
+        (["run", "a" * 5000], "File name too long"),
+        (["run", "--set", "site=" + "a" * 5000], "File name too long"),
         (["run", "--seed", "x"], "Invalid value"),
         (["run", "--sed", "3"], "No such option"),
         (["runn"], "No such command"),

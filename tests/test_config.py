@@ -159,3 +159,34 @@ def test_an_options_check_of_its_own_is_reported_at_the_key_it_names() -> None:
 def test_options_that_are_no_mapping_are_refused() -> None:
     with pytest.raises(FileError, match="1:1: tyre: got 3; allowed: key: value lines"):
         validate_options(Tyre, parse_yaml("tyre: 3", "cart.yaml"), ("tyre",))
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["name: !!bool x", "load: !!int ''", "load: !!float ''", "wheels: !!set {a, b}", 'name: "\\ud800"', '"\\udfff": 1'],
+)
+def test_scalars_and_tags_that_mean_nothing_are_refused_at_their_place(text: str) -> None:
+    with pytest.raises(FileError) as caught:
+        parse_yaml(f"# cart\n{text}", "cart.yaml")
+    assert str(caught.value).startswith("cart.yaml:2:")
+
+
+def test_of_very_many_problems_the_first_are_listed() -> None:
+    problems = problems_of("name: a\n" + "".join(f"k{k}: 1\n" for k in range(5000)))
+    assert len(problems) == 100
+    assert problems[-1].startswith("cart.yaml:101:1: k99: unknown key")
+
+
+@pytest.mark.parametrize(
+    ("assignment", "message"),
+    [
+        (".".join(["axle"] * 3000) + "=1", "3000 levels deep; allowed: at most 16"),
+        ("load=3\nname: other", "sets more than one key"),
+        ("\udcff=1", "allowed: KEY=VALUE"),
+        ("name=\udcff", "not allowed"),
+    ],
+)
+def test_hostile_assignments_are_problems(assignment: str, message: str) -> None:
+    (problem,) = problems_of("name: a", [assignment])
+    assert problem.startswith("--set: ")
+    assert message in problem
