@@ -8,10 +8,12 @@ Source: Carnegie Mellon Robot Navigation Toolkit, logger and readlog; log files 
 from __future__ import annotations
 
 import gzip
+import zlib
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -21,6 +23,7 @@ from grape.mapping.carmen_poses import Poses, resolve_poses
 from grape.messages import Array, LaserScan, frozen_array
 
 MOST_PROBLEMS = 20
+LONGEST_LINE = 4_000_000  # letters: the most readings and remissions of a scan have half as many
 NO_RETURN = 0.97  # of the largest reading: what an old message, which has no maximum range, means by "nothing"
 
 
@@ -71,10 +74,20 @@ def read_carmen(path: Path, laser: str | None = None, max_range: float | None = 
     try:
         unpack = gzip.open if path.suffix == ".gz" else open
         with unpack(path, "rt", encoding="latin-1") as stream:
-            return parse_carmen(stream, str(path), laser, max_range)
-    except (OSError, EOFError) as error:
+            return parse_carmen(_lines(stream, str(path)), str(path), laser, max_range)
+    except (OSError, EOFError, zlib.error) as error:
         text = getattr(error, "strerror", None) or error
         raise FileError([Problem(file=str(path), got=f"cannot be read: {text}", allowed="a CARMEN log")]) from error
+
+
+def _lines(stream: TextIO, file: str) -> Iterator[str]:
+    number = 0
+    while line := stream.readline(LONGEST_LINE):
+        number += 1
+        if len(line) == LONGEST_LINE:
+            allowed = f"less than {LONGEST_LINE} letters"
+            raise FileError([Problem(file=file, line=number, got="the line is too long", allowed=allowed)])
+        yield line
 
 
 def parse_carmen(

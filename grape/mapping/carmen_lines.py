@@ -12,6 +12,7 @@ OLD_LASERS = ("FLASER", "RLASER")
 ROBOT_LASERS = ("ROBOTLASER1", "ROBOTLASER2")
 RAW_LASERS = tuple(f"RAWLASER{k}" for k in range(1, 6))
 LASERS = (*OLD_LASERS, *ROBOT_LASERS, *RAW_LASERS)
+OFFSETS = ("robot_frontlaser_offset", "robot_rearlaser_offset")  # m, parameters that are used
 MOST_READINGS = 100_000
 TAIL = 3  # ipc_timestamp, ipc_hostname, logger_timestamp
 
@@ -78,6 +79,9 @@ def parse_line(line: str) -> Scan | Odom | TruePose | tuple[str, str] | str | No
         reader.numbers(3, "odom_x odom_y odom_theta")
         return TruePose(stamp=reader.stamp(), pose=pose)
     if word == "PARAM" and len(tokens) >= 3:
+        if tokens[1] in OFFSETS:
+            reader.next = 2
+            reader.numbers(1, "metres")
         return tokens[1], tokens[2]
     return word
 
@@ -110,6 +114,11 @@ def _new_laser(reader: _Reader, with_poses: bool) -> Scan:
     _, start, _, step, range_max, _, _ = reader.numbers(
         7, "type start_angle field_of_view angular_resolution maximum_range accuracy remission_mode"
     )
+    for where, angle in ((2, start), (4, step)):
+        if abs(angle) > 2 * np.pi:
+            raise reader.problem(where, f"an angle of {reader.tokens[where]}", "radians, at most a turn")
+    if range_max < 0.0:
+        raise reader.problem(5, f"a maximum_range of {reader.tokens[5]}", "0 or more")
     ranges = reader.readings("num_readings")
     reader.readings("num_remissions")
     poses = reader.numbers(6, "laser_x laser_y laser_theta robot_x robot_y robot_theta") if with_poses else None

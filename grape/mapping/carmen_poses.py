@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grape.mapping.carmen_lines import Odom, Scan, TruePose
+from grape.mapping.carmen_lines import OFFSETS, Odom, Scan, TruePose
 from grape.mapping.planar import between, compose
 from grape.messages import Array
 
@@ -60,11 +60,8 @@ def resolve_poses(messages: Sequence[Scan | Odom | TruePose], parameters: Mappin
 
 
 def _mount(parameters: Mapping[str, str], rear: bool) -> Array:
-    name = "robot_rearlaser_offset" if rear else "robot_frontlaser_offset"
-    try:
-        offset = float(parameters.get(name, 0.0))
-    except ValueError:
-        offset = 0.0
+    front, back = OFFSETS
+    offset = float(parameters.get(back if rear else front, 0.0))
     return np.array([offset, 0.0, np.pi if rear else 0.0])
 
 

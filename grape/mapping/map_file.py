@@ -5,6 +5,7 @@ Source: nav2_map_server and map_server, map_io: `trinary`, `scale` and `raw` mod
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,12 +15,14 @@ import numpy as np
 from grape.errors import FileError, InvalidInput, Problem, did_you_mean
 from grape.mapping.occupancy import OCCUPIED, UNKNOWN, OccupancyGrid
 from grape.messages import Array
-from grape.navigation.grid import GridSpec
+from grape.navigation.grid import MOST_CELLS, GridSpec
 from grape.yaml_document import Document, load_yaml
 
 Mode = Literal["trinary", "scale", "raw"]
 MODES = ("trinary", "scale", "raw")
 KEYS = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh", "mode")
+MOST_BYTES = 500_000_000  # of an image: four for each cell of the largest grid
+_PGM_HEAD = re.compile(rb"P[25](?:\s|#[^\n]*\n)+(\d{1,9})(?:\s|#[^\n]*\n)+(\d{1,9})")
 UNKNOWN_PIXEL = 205  # what the map server writes for unknown cells: between both usual thresholds
 
 
@@ -47,18 +50,22 @@ class MapFormat:
 
     def occupancy(self, pixels: Array, alpha: Array | None = None) -> Array:
         """Occupancy (rows, columns) int8 of pixels uint8; `alpha` uint8 is used by `scale` alone."""
+        result = self._occupancies(np.arange(256))[pixels]
+        if self.mode == "scale" and alpha is not None:
+            result[alpha < 255] = UNKNOWN
+        return result
+
+    def _occupancies(self, values: Array) -> Array:
+        """Occupancy int8 of values of pixels."""
         if self.mode == "raw":
-            return np.where(pixels > OCCUPIED, UNKNOWN, pixels.astype(np.int16)).astype(np.int8)
-        dark = (pixels if self.negate else 255 - pixels) / 255.0
+            return np.where(values > OCCUPIED, UNKNOWN, values).astype(np.int8)
+        dark = (values if self.negate else 255 - values) / 255.0
         occupied, free = dark > self.occupied_thresh, dark < self.free_thresh
-        between = np.full(pixels.shape, UNKNOWN)
+        between = np.full(values.shape, UNKNOWN)
         if self.mode == "scale":
             ratio = (dark - self.free_thresh) / (self.occupied_thresh - self.free_thresh)
             between = np.clip(np.rint(1 + 98 * ratio), 1, 99).astype(int)
-        result = np.where(occupied, OCCUPIED, np.where(free, 0, between))
-        if self.mode == "scale" and alpha is not None:
-            result[alpha < 255] = UNKNOWN
-        return result.astype(np.int8)
+        return np.where(occupied, OCCUPIED, np.where(free, 0, between)).astype(np.int8)
 
     def pixels(self, occupancy: Array) -> Array:
         """Pixels uint8 that give this occupancy when read; with (rows, columns, 2) value and alpha in `scale`.
@@ -154,7 +161,8 @@ def _problems(document: Document) -> list[Problem]:
             found.append(document.problem((key,), f"got {data[key]!r}", allowed))
 
     image, origin, resolution = data.get("image"), data.get("origin"), data.get("resolution")
-    require("image", isinstance(image, str) and image != "", "name of a PGM, PNG or BMP file")
+    named = isinstance(image, str) and image != "" and "\0" not in image
+    require("image", named, "name of a PGM, PNG or BMP file")
     require("resolution", _is_number(resolution) and 0.0 < float(resolution or 0) < 100.0, "metres a pixel, above 0")
     triple = isinstance(origin, list) and len(origin) == 3 and all(_is_number(value) for value in origin)
     require("origin", triple, "[x, y, yaw] of the lower left pixel, in metres and radians")
@@ -174,6 +182,21 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
+def _pixels(raw: bytes) -> int | None:
+    """How many pixels the head of a PGM, PNG or BMP image promises; None of what is none of these."""
+    if head := _PGM_HEAD.match(raw):
+        return int(head[1]) * int(head[2])
+    if raw.startswith(b"\x89PNG\r\n\x1a\n"):
+        return int.from_bytes(raw[16:20], "big") * int.from_bytes(raw[20:24], "big")
+    if raw.startswith(b"BM"):
+        return abs(_signed(raw[18:22]) * _signed(raw[22:26]))
+    return None
+
+
+def _signed(raw: bytes) -> int:
+    return int.from_bytes(raw, "little", signed=True)
+
+
 def _read_image(path: Path, document: Document) -> tuple[Array, Array | None]:
     import cv2
 
@@ -181,11 +204,17 @@ def _read_image(path: Path, document: Document) -> tuple[Array, Array | None]:
         return FileError([document.problem(("image",), f"{path}: {got}", allowed)])
 
     try:
-        raw = path.read_bytes()
+        with path.open("rb") as stream:
+            raw = stream.read(MOST_BYTES + 1)
     except OSError as error:
         raise refuse(f"cannot be read: {error.strerror}", "an image beside the YAML file") from error
-    if raw[:1] == b"P" and raw[1:2] not in (b"2", b"5"):
-        raise refuse(f"starts with {raw[:2]!r}", "a grey PGM (P2 or P5)")
+    if len(raw) > MOST_BYTES:
+        raise refuse("is too large", f"at most {MOST_BYTES} bytes")
+    size = _pixels(raw)
+    if raw and size is None:
+        raise refuse(f"starts with {raw[:2]!r}", "a grey PGM (P2 or P5), a PNG or a BMP")
+    if size is not None and size > MOST_CELLS:
+        raise refuse(f"has {size} pixels", f"at most {MOST_CELLS}")
     image = cv2.imdecode(np.frombuffer(raw, np.uint8), cv2.IMREAD_UNCHANGED) if raw else None
     if image is None:
         raise refuse("cannot be decoded, or is cut off", "a whole PGM, PNG or BMP image")

@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf, isfinite
 
 import numpy as np
 
 from grape.errors import InvalidInput
 from grape.messages import Array, frozen_array
 
+MOST_CELLS = 100_000_000
 FREE = 0
 INSCRIBED = 253  # the robot's centre here means contact whatever its heading
 LETHAL = 254
@@ -30,12 +32,14 @@ class GridSpec:
     resolution: float = 0.05
 
     def __post_init__(self) -> None:
-        if self.columns < 1 or self.rows < 1 or not self.resolution > 0:
+        if self.columns < 1 or self.rows < 1 or not 0 < self.resolution < inf:
             raise InvalidInput(
                 f"a grid needs cells of positive size, got {self.rows} x {self.columns}, {self.resolution}"
             )
-        if self.rows * self.columns > 100_000_000:
+        if int(self.rows) * int(self.columns) > MOST_CELLS:  # numpy's integers would run over
             raise InvalidInput(f"a grid of {self.rows} x {self.columns} cells is too large, at most 1e8 cells")
+        if not (isfinite(self.x_min) and isfinite(self.y_min)):
+            raise InvalidInput(f"a grid needs a finite corner, got {self.x_min}, {self.y_min}")
 
     @property
     def origin(self) -> Array:
@@ -61,6 +65,8 @@ class GridSpec:
         """The grid that covers points (n, 2) m with a margin (m), its corner on a multiple of the resolution."""
         low = np.floor((np.min(points, axis=0) - margin) / resolution)
         high = np.ceil((np.max(points, axis=0) + margin) / resolution)
+        if not (high - low).max() <= MOST_CELLS:
+            raise InvalidInput(f"points over {np.ptp(points, axis=0)} m are too far apart for cells of {resolution} m")
         columns, rows = (high - low).astype(int)
         return GridSpec(
             x_min=low[0] * resolution, y_min=low[1] * resolution, columns=columns, rows=rows, resolution=resolution

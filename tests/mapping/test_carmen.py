@@ -120,6 +120,9 @@ def test_other_messages_are_counted_and_comments_are_not() -> None:
         ("FLASER 1 1 0 0 0 0 0 0 1 h", "2 words after the message's fields"),
         ("ODOM 1 2", "log:2:9: ODOM: the line ends after 3 words"),
         ("ROBOTLASER1 0 -1 2 1 30 0 0 99999999", "num_readings is 99999999"),
+        ("ROBOTLASER1 0 -1 2 1 -30 0 0 0 0", "log:2:22: ROBOTLASER1: a maximum_range of -30"),
+        ("RAWLASER1 0 -90 180 1 30 0 0 0 0", "log:2:13: RAWLASER1: an angle of -90; allowed: radians"),
+        ("PARAM robot_frontlaser_offset nan", "log:2:31: PARAM: got 'nan'"),
         ("TRUEPOS a 0 0 0 0 0 1 h 1", "log:2:9: TRUEPOS: got 'a'"),
     ],
 )
@@ -152,6 +155,15 @@ def test_packed_logs_are_read(tmp_path: Path) -> None:
     with gzip.open(tmp_path / "a.log.gz", "wt") as stream:
         stream.write(flaser(0, (0, 0, 0), (0, 0, 0)) + "\n")
     assert len(read_carmen(tmp_path / "a.log.gz").scans) == 1
-    (tmp_path / "b.log.gz").write_bytes(b"no gzip")
-    with pytest.raises(FileError, match="cannot be read"):
-        read_carmen(tmp_path / "b.log.gz")
+    whole = (tmp_path / "a.log.gz").read_bytes()
+    for content in (b"no gzip", whole[:-10], whole[:12] + b"\xff" * 40):
+        (tmp_path / "b.log.gz").write_bytes(content)
+        with pytest.raises(FileError, match="cannot be read"):
+            read_carmen(tmp_path / "b.log.gz")
+
+
+def test_a_line_without_end_is_not_read_to_its_end(tmp_path: Path) -> None:
+    with gzip.open(tmp_path / "a.log.gz", "wb") as stream:
+        stream.write(b"# a comment\n" + b"A" * 5_000_000)
+    with pytest.raises(FileError, match=r"a\.log\.gz:2: the line is too long"):
+        read_carmen(tmp_path / "a.log.gz")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +70,10 @@ def test_thresholds_are_exclusive() -> None:
         (GOOD.replace("m.pgm", "gone.pgm"), "gone.pgm: cannot be read"),
         (GOOD.replace("m.pgm", "cut.pgm"), "cut.pgm: cannot be decoded, or is cut off"),
         (GOOD.replace("m.pgm", "colour.ppm"), "colour.ppm: starts with b'P6'"),
+        (GOOD.replace("m.pgm", "huge.pgm"), "huge.pgm: has 10000000000 pixels"),
+        (GOOD.replace("m.pgm", "huge.png"), "huge.png: has 900000000 pixels"),
+        (GOOD.replace("m.pgm", "huge.bmp"), "huge.bmp: has 900000000 pixels"),
+        (GOOD.replace("m.pgm", '"\\0"'), "m.yaml:1:1: image: got"),
         ("image: m.pgm\n", "origin: is missing"),
     ],
 )
@@ -76,6 +81,9 @@ def test_what_is_wrong_is_said_with_its_place(tmp_path: Path, text: str, expecte
     (tmp_path / "m.pgm").write_bytes(b"P5\n2 2\n255\n\x00\x00\x00\x00")
     (tmp_path / "cut.pgm").write_bytes(b"P5\n2 2\n255\n\x00")
     (tmp_path / "colour.ppm").write_bytes(b"P6\n1 1\n255\n\x00\x00\x00")
+    (tmp_path / "huge.pgm").write_bytes(b"P5\n# by hand\n100000 100000\n255\n")
+    (tmp_path / "huge.png").write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + 2 * (30_000).to_bytes(4, "big"))
+    (tmp_path / "huge.bmp").write_bytes(b"BM" + bytes(16) + struct.pack("<ii", 30_000, -30_000))
     (tmp_path / "m.yaml").write_text(text)
     with pytest.raises(FileError) as error:
         load_map(tmp_path / "m.yaml")
@@ -87,6 +95,14 @@ def test_every_problem_is_listed(tmp_path: Path) -> None:
     with pytest.raises(FileError) as error:
         load_map(tmp_path / "m.yaml")
     assert len(error.value.problems) == 4
+
+
+@pytest.mark.parametrize("far", [1e7, 1e12, 1e18, np.inf, np.nan])
+def test_grids_around_points_that_are_too_far_apart_are_refused(far: float) -> None:
+    with pytest.raises(InvalidInput):
+        GridSpec.around(np.array([[0.0, 0.0], [far, -far]]), 1.0)
+    with pytest.raises(InvalidInput, match="too large"):
+        GridSpec(x_min=0.0, y_min=0.0, columns=np.int64(2**32), rows=np.int64(2**32))
 
 
 def test_grids_refuse_other_values() -> None:
