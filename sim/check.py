@@ -18,7 +18,7 @@ def check_mjcf(path: Path) -> None:
     """
     try:
         mujoco.MjSpec.from_file(str(path)).compile()
-    except (ValueError, OSError) as error:
+    except (ValueError, OSError, RuntimeError) as error:
         text = " ".join(str(error).split())
         line = re.search(r"line (\d+)", text)
         place = int(line[1]) if line else 0

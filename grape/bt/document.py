@@ -47,6 +47,7 @@ class _Builder:
         self.open: list[Element] = []
         self.count = 0
         self.parser = expat.ParserCreate()
+        self.parser.buffer_text = True
         self.parser.StartElementHandler = self.start
         self.parser.EndElementHandler = self.end
         self.parser.CharacterDataHandler = self.data
@@ -83,13 +84,14 @@ def attribute_places(source: bytes, start: int, line: int, column: int) -> dict[
     """Line and column of every attribute of the start tag that begins at byte `start` of UTF-8 text."""
     places: dict[str, tuple[int, int]] = {}
     name_end = re.compile(rb"<[^\s/>]+").match(source, start)
-    position = name_end.end() if name_end else start
+    position, passed = name_end.end() if name_end else start, start
     while match := _ATTRIBUTE.match(source, position):
-        before = source[start : match.start(1)].decode("utf-8", "replace")
+        before = source[passed : match.start(1)].decode("utf-8", "replace")
         newlines = before.count("\n")
-        place = len(before) - before.rfind("\n") if newlines else column + len(before)
-        places[match[1].decode("utf-8", "replace")] = (line + newlines, place)
-        position = match.end()
+        line += newlines
+        column = len(before) - before.rfind("\n") if newlines else column + len(before)
+        places[match[1].decode("utf-8", "replace")] = (line, column)
+        position, passed = match.end(), match.start(1)
     return places
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,7 +11,7 @@ from grape.bt.document import Element
 from grape.bt.parse import Parsed
 from grape.bt.ports import fits, parse_literal, type_name
 from grape.bt.tree import Entry, Literal, Node
-from grape.errors import InvalidInput, Problem, did_you_mean
+from grape.errors import MOST_PROBLEMS, InvalidInput, Problem, did_you_mean
 
 MAX_TREE_DEPTH = 100
 MAX_TREE_NODES = 5_000
@@ -44,25 +44,28 @@ def find_cycles(trees: Mapping[str, Parsed | None]) -> set[Problem]:
     """A problem for each SubTree element that closes a cycle."""
     problems: set[Problem] = set()
     done: set[str] = set()
-
-    def visit(tree: str, chain: tuple[str, ...]) -> None:
-        root = trees.get(tree)
-        if root is None or tree in done:
-            return
-        for node in _walk(root):
-            if node.element.tag != "SubTree":
-                continue
-            if node.tag in (*chain, tree):
-                loop = [*chain, tree][[*chain, tree].index(node.tag) :]
+    for first in trees:
+        if first in done:
+            continue
+        chain = {first: _calls(trees.get(first))}  # the trees that are open, the last one called by that before
+        while chain:
+            tree = next(reversed(chain))
+            node = next(chain[tree], None)
+            if node is None:
+                done.add(tree)
+                del chain[tree]
+            elif node.tag in chain:
+                loop = [*chain][[*chain].index(node.tag) :]
                 got = f"SubTree cycle {' -> '.join([*loop, node.tag])}"
                 problems.add(node.element.problem(got, "trees that do not call themselves", "", "ID"))
-            else:
-                visit(node.tag, (*chain, tree))
-        done.add(tree)
-
-    for tree in trees:
-        visit(tree, ())
+            elif node.tag not in done:
+                chain[node.tag] = _calls(trees.get(node.tag))
     return problems
+
+
+def _calls(root: Parsed | None) -> Iterator[Parsed]:
+    """The SubTree elements of a tree."""
+    return (node for node in (_walk(root) if root is not None else ()) if node.element.tag == "SubTree")
 
 
 def _walk(root: Parsed) -> list[Parsed]:
@@ -157,37 +160,43 @@ class Expander:
 
 def type_conflicts(flow: Flow) -> set[Problem]:
     """A problem for each reader whose type no value of one of the entry's writers has."""
-    problems = set()
+    problems: set[Problem] = set()
     for entry, readers in flow.reads.items():
+        misfits: dict[Any, list[str]] = {}  # by the type that is read: many read the same
         for read in readers:
-            for write in flow.writes.get(entry, []):
-                trouble = _conflict(write, read)
-                if trouble:
-                    problems.add(read.element.problem(trouble, type_name(read.type), "", read.port))
+            if len(problems) >= MOST_PROBLEMS:
+                return problems
+            if read.type not in misfits:
+                writers = flow.writes.get(entry, [])
+                misfits[read.type] = [text for write in writers if (text := _misfit(write, read.type))][:MOST_PROBLEMS]
+            for text in misfits[read.type]:
+                got = f"port {read.port!r} reads {{{read.key}}}, which {text}"
+                problems.add(read.element.problem(got, type_name(read.type), "", read.port))
     return problems
 
 
-def _conflict(write: Use, read: Use) -> str:
+def _misfit(write: Use, kind: Any) -> str:
+    """What a writer does that a reader of type `kind` cannot take; empty when nothing."""
     place = f"{write.element.tag} at {write.element.file}:{write.element.line}"
     if write.text is not None:
         try:
-            parse_literal(write.text, read.type)
+            parse_literal(write.text, kind)
         except InvalidInput as error:
-            return f"port {read.port!r} reads {{{read.key}}}, which {place} sets to text that does not fit: {error}"
+            return f"{place} sets to text that does not fit: {error}"
         return ""
-    if fits(write.type, read.type):
-        return ""
-    return f"port {read.port!r} reads {{{read.key}}}, which {place} writes as {type_name(write.type)}"
+    return "" if fits(write.type, kind) else f"{place} writes as {type_name(write.type)}"
 
 
 def never_written(flow: Flow, given: Mapping[str, Any]) -> set[Problem]:
     """A problem for each reader of an entry that nothing writes and the caller does not give."""
     written = {use.key for uses in flow.writes.values() for use in uses} | set(given)
-    problems = set()
+    problems: set[Problem] = set()
     for entry, readers in flow.reads.items():
         if entry in flow.writes or entry in given:
             continue
         for read in readers:
+            if len(problems) >= MOST_PROBLEMS:
+                return problems
             got = f"port {read.port!r} reads {{{read.key}}}, which nothing writes"
             hint = did_you_mean(read.key, written - {read.key})
             problems.add(read.element.problem(got, "an entry that a node writes, or text", hint, read.port))

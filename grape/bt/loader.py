@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -14,7 +15,7 @@ from grape.bt.nodes_model import check_model
 from grape.bt.parse import EXPLICIT, Parsed, Parser
 from grape.bt.ports import Leaf, leaf_ports
 from grape.bt.tree import Node, Tree
-from grape.errors import FileError, InvalidInput, Problem
+from grape.errors import MOST_PROBLEMS, FileError, InvalidInput, Problem
 
 
 def node_library(leaves: Iterable[Leaf]) -> Mapping[str, Leaf]:
@@ -71,7 +72,7 @@ def _load(
     parsed = {name: parser.tree(element) for name, element in found.trees.items()}
     problems = found.problems | parser.problems
     for model in found.models:
-        problems |= set(check_model(model, nodes))
+        problems |= set(islice(check_model(model, nodes), MOST_PROBLEMS))
     cycles = find_cycles(parsed)
     if cycles or found.main is None:
         return None, problems | cycles

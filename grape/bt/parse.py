@@ -11,7 +11,7 @@ from grape.bt.blackboard import reference
 from grape.bt.builtin import BUILTIN, Builtin, Category
 from grape.bt.document import Element
 from grape.bt.ports import Direction, Leaf, Port, leaf_ports, parse_literal, type_name
-from grape.errors import InvalidInput, Problem, did_you_mean
+from grape.errors import MOST_PROBLEMS, InvalidInput, Problem, did_you_mean
 
 EXPLICIT = {"Action", "Condition", "Control", "Decorator"}
 IGNORED = {"name", "_uid", "_description", "_fullpath"}  # written by editors, without meaning for a run
@@ -48,7 +48,7 @@ class Parser:
         self.problems: set[Problem] = set()
 
     def tree(self, definition: Element) -> Parsed | None:
-        """The one node below a `BehaviorTree` element."""
+        """The one node below a `BehaviorTree` element; nothing is looked at any more when there are many problems."""
         for name in definition.attributes:
             if name != "ID" and name not in IGNORED:
                 self.problems.add(definition.problem(f"unknown attribute {name!r}", "ID", "", name))
@@ -57,6 +57,8 @@ class Parser:
         return parsed[0] if parsed else None
 
     def _node(self, element: Element) -> Parsed | None:
+        if len(self.problems) >= MOST_PROBLEMS:
+            return None
         tag = self._type(element)
         if tag is None:
             for child in element.children:

@@ -143,7 +143,7 @@ def without_none(kind: Any) -> tuple[Any, ...]:
     return tuple(a for a in typing.get_args(kind) if a is not type(None)) if is_union(kind) else (kind,)
 
 
-_INT = re.compile(r"[+-]?[0-9]+")
+_INT = re.compile(r"[+-]?[0-9]{1,18}")
 _FLOAT = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _BOOL = {
     "true": True,

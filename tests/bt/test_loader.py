@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Generator
 from dataclasses import dataclass
 from enum import StrEnum
@@ -233,6 +234,37 @@ def test_a_tree_that_is_too_deep_is_refused(bench: SimpleNamespace) -> None:
     )
     more += '<BehaviorTree ID="T60"><AlwaysSuccess/></BehaviorTree>'
     assert "deeper than 100 levels" in only(bench, '<SubTree ID="T0"/>', more)
+
+
+def test_a_long_chain_of_trees_is_refused(bench: SimpleNamespace) -> None:
+    trees = [f'<BehaviorTree ID="T{k}"><SubTree ID="T{k + 1}"/></BehaviorTree>' for k in range(2000)]
+    more = "".join([*trees, '<BehaviorTree ID="T2000"><AlwaysSuccess/></BehaviorTree>'])
+    (problem,) = check_tree(bench.write(bench.root('<SubTree ID="T0"/>', more=more)), NODES)
+    assert "deeper than 100 levels" in problem.got
+
+
+@pytest.mark.parametrize(
+    ("node", "got"),
+    [
+        ("<Nod/>", "unknown node"),
+        ('<Paint plant="{p}"/>', "nothing writes"),
+        ('<IsMany number="{m}"/>', "does not fit"),
+    ],
+)
+def test_of_very_many_mistakes_the_first_are_reported(bench: SimpleNamespace, node: str, got: str) -> None:
+    write = '<SetBlackboard value="a" output_key="m"/>'
+    problems = check_tree(bench.write(bench.root(f"<Sequence>{write}{node * 1000}</Sequence>")), NODES)
+    assert len(problems) == 100
+    assert all(got in problem.got for problem in problems)
+
+
+def test_each_of_very_many_attributes_has_its_place(bench: SimpleNamespace) -> None:
+    attributes = "\n".join(f'{" " * (k % 7)}a{k}="é"' for k in range(20_000))
+    problems = check_tree(bench.write(bench.root(f"\n<AlwaysSuccess\n{attributes}/>")), NODES)
+    first = problems[0].line - int(re.findall(r"'a(\d+)'", problems[0].got)[0])
+    for problem in problems:
+        k = int(re.findall(r"'a(\d+)'", problem.got)[0])
+        assert (problem.line, problem.column) == (first + k, 1 + k % 7)
 
 
 def test_a_subtree_port_that_the_tree_does_not_use_is_reported(bench: SimpleNamespace) -> None:
