@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import math
 import operator
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from grape.errors import InvalidInput
 
+MOST_SEEDS = 100_000
+_SEED = re.compile(r"[0-9]{1,18}")
 _GOALS = {"<=": operator.le, ">=": operator.ge, "<": operator.lt, ">": operator.gt, "=": operator.eq}
 
 
@@ -145,16 +148,18 @@ def parse_seeds(text: str) -> range:
     """Seeds as a user writes them: `A:B` is A, A + 1, … B − 1.
 
     Raises:
-        InvalidInput: it is not two whole numbers with 0 <= A < B.
+        InvalidInput: it is not two whole numbers with 0 <= A < B, or they are more than 100000 seeds.
     """
     first, colon, last = text.partition(":")
-    if not (first.isascii() and first.isdigit()) or (colon and not (last.isascii() and last.isdigit())):
+    if not _SEED.fullmatch(first) or (colon and not _SEED.fullmatch(last)):
         raise InvalidInput(f"seeds must be two whole numbers FIRST:LAST, last excluded, like 0:10; got {text!r}")
     if not colon:
         raise InvalidInput(f"seeds must be FIRST:LAST, last excluded; did you mean {first}:{int(first) + 1}?")
     if int(first) >= int(last):
         hint = f"did you mean {first}:{int(first) + 1}?" if first == last else f"did you mean {last}:{first}?"
         raise InvalidInput(f"seeds {text!r} are none, the last is excluded; {hint}")
+    if int(last) - int(first) > MOST_SEEDS:
+        raise InvalidInput(f"seeds {text!r} are {int(last) - int(first)}; allowed: at most {MOST_SEEDS}")
     return range(int(first), int(last))
 
 

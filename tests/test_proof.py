@@ -1,7 +1,7 @@
 import pytest
 
 from grape.errors import InvalidInput
-from grape.proof import Quantity, wilson95
+from grape.proof import Quantity, parse_seeds, wilson95
 
 
 def quantity(value: float | None, goal: str) -> Quantity:
@@ -21,6 +21,12 @@ def test_a_quantity_without_a_value_does_not_meet_its_goal_and_one_without_a_goa
 def test_a_goal_without_a_bound_is_refused() -> None:
     with pytest.raises(InvalidInput, match=r"<= 0\.10"):
         quantity(0.1, "small")
+
+
+@pytest.mark.parametrize("text", ["9" * 5000 + ":1", "0:" + "9" * 5000, "0:999999999999", "\N{SUPERSCRIPT TWO}:3"])
+def test_seeds_without_measure_are_refused(text: str) -> None:
+    with pytest.raises(InvalidInput, match="seeds"):
+        parse_seeds(text)
 
 
 def test_wilson_intervals_agree_with_published_values() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
@@ -13,9 +14,11 @@ from typing import Any
 
 from grape.errors import InvalidInput
 from grape.mission.file import Mission, load_mission, mission_path
-from grape.mission.record import write_atomic
+from grape.mission.record import read_json, write_atomic
 
 PLAN_FILE = "plan.json"
+RESULT_KEYS = ("status", "ended_by", "plants", "dispensers", "truth", "localization", "real_time_factor")
+MOST_COMBINATIONS = 10_000
 CODE = "from grape.cli import main; main()"
 
 
@@ -93,11 +96,15 @@ class Job:
         return self.folder.with_suffix(".log")
 
     def result(self) -> dict[str, Any] | None:
-        """Its result.json once it is finished; None before, also when somebody stopped it."""
+        """Its result.json once it is finished; None before, also when somebody stopped it.
+
+        Raises:
+            FileError: it is damaged.
+        """
         path = self.folder / "result.json"
         if not path.is_file():
             return None
-        result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        result = read_json(path, RESULT_KEYS)
         return None if result["status"] == "aborted" else result
 
 
@@ -120,7 +127,7 @@ def make_plan(mission: str, settings: Iterable[str], variations: Iterable[str]) 
     """The plan of a command line.
 
     Raises:
-        InvalidInput: a variation is malformed, or a key is given twice.
+        InvalidInput: a variation is malformed, a key is given twice, or the combinations are too many.
     """
     parsed = tuple(parse_variation(text) for text in variations)
     fixed = [text.partition("=")[0] for text in settings]
@@ -129,6 +136,9 @@ def make_plan(mission: str, settings: Iterable[str], variations: Iterable[str]) 
         if key == "seed" or key in seen:
             raise InvalidInput(f"{key}: " + ("seeds come from --seeds" if key == "seed" else "it is given twice"))
         seen.add(key)
+    combinations = math.prod(len(variation.values) for variation in parsed)
+    if combinations > MOST_COMBINATIONS:
+        raise InvalidInput(f"--vary: {combinations} combinations; allowed: at most {MOST_COMBINATIONS}")
     return Plan(mission=mission, settings=tuple(settings), variations=parsed)
 
 
@@ -164,7 +174,7 @@ def keep_plan(plan: Plan, folder: Path) -> None:
     """
     path = folder / PLAN_FILE
     if path.is_file():
-        known = json.loads(path.read_text(encoding="utf-8"))
+        known = read_json(path)
         if known != plan.as_dict():
             differing = [key for key in plan.as_dict() if known.get(key) != plan.as_dict()[key]]
             what = "; ".join(f"{key}: there {known.get(key)}, here {plan.as_dict()[key]}" for key in differing)

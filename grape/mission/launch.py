@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +19,7 @@ from grape.mission.file import MAP_FILE, OF_SITE, Mission, load_mission
 from grape.mission.ledger import SqliteLedger
 from grape.mission.lock import RunLock
 from grape.mission.progress import Progress
-from grape.mission.record import read_events, write_atomic
+from grape.mission.record import read_events, read_json, write_atomic
 from grape.mission.result import build_result, write_result
 from grape.mission.runner import Runner
 from grape.mission.track import csv_of
@@ -201,7 +200,7 @@ def ended_result(folder: Path) -> dict[str, Any] | None:
     path = folder / "result.json"
     if not path.exists():
         return None
-    result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    result = read_json(path, ("ended_by", "status"))
     return None if result["ended_by"] == "aborted" else result
 
 
@@ -211,6 +210,8 @@ def refuse_changed(folder: Path) -> None:
     Raises:
         InvalidInput: they differ, or files are missing.
     """
+    from grape.sim.checkpoint import kept_time
+
     if not (folder / "ledger.sqlite").exists():
         return  # killed before anything was done
     missing = [name for name in INPUTS if not (folder / name).exists()]
@@ -224,8 +225,10 @@ def refuse_changed(folder: Path) -> None:
         raise InvalidInput(f"{folder}: grape {begun.get('grape')} began this run, this is grape {now['grape']}")
     if begun.get("inputs") != now["inputs"]:
         raise InvalidInput(f"{folder}: {', '.join(INPUTS)} or its map differ from those that the run was begun with")
-    if moved and not (folder / WORLD_FOLDER).is_dir():
-        raise InvalidInput(f"{folder}: the simulated world, {WORLD_FOLDER}/, is gone; the robot has nowhere to go on")
+    if moved and kept_time(folder / WORLD_FOLDER) is None:
+        raise InvalidInput(
+            f"{folder}: the simulated world, {WORLD_FOLDER}/, is gone or damaged; the robot has nowhere to go on"
+        )
 
 
 def finish(mission: Mission, runner: Runner, simulation: Any, folder: Path) -> dict[str, Any]:

@@ -90,17 +90,20 @@ class SqliteLedger:
         """The ledger of an earlier run.
 
         Raises:
-            InvalidInput: there is none, or another version of grape wrote it.
+            InvalidInput: there is none, it is damaged, or another version of grape wrote it.
         """
         if not path.is_file():
             raise InvalidInput(f"{path}: no such ledger")
         try:
             ledger = cls(sqlite3.connect(path, isolation_level=None))
             (version,) = ledger._db.execute("PRAGMA user_version").fetchone()
+            (state,) = ledger._db.execute("PRAGMA quick_check(1)").fetchone()
         except sqlite3.DatabaseError as error:
             raise InvalidInput(f"{path} is no ledger: {error}") from error
         if version != SCHEMA_VERSION:
             raise InvalidInput(f"{path}: ledger version {version}, this grape reads version {SCHEMA_VERSION}")
+        if state != "ok":
+            raise InvalidInput(f"{path} is damaged: {state}")
         return ledger
 
     def plants(self) -> tuple[PlantTask, ...]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from enum import Enum
 from pathlib import Path
 from typing import Any, TextIO
@@ -13,7 +13,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from grape.clock import Clock
-from grape.errors import InvalidInput
+from grape.errors import FileError, InvalidInput, Problem
 from grape.messages import Array
 
 DECIMALS = 6
@@ -104,11 +104,40 @@ def plain(value: Any) -> Any:
 
 
 def read_events(path: Path) -> Iterator[dict[str, Any]]:
-    """The events of a run, oldest first; a last line cut off by a kill is left out."""
-    with path.open(encoding="utf-8") as file:
-        for line in file:
-            if line.endswith("\n"):
-                yield json.loads(line)
+    """The events of a run, oldest first; a last line cut off by a kill is left out.
+
+    Raises:
+        FileError: a line is damaged.
+    """
+    with path.open("rb") as file:
+        for number, line in enumerate(file, 1):
+            if line.endswith(b"\n"):
+                yield _object(line, path, ("t", "kind"), number)
+
+
+def read_json(path: Path, keys: Iterable[str] = ()) -> dict[str, Any]:
+    """A JSON file with these keys at its top.
+
+    Raises:
+        FileError: it cannot be read, is no JSON object or lacks a key.
+    """
+    try:
+        return _object(path.read_bytes(), path, keys)
+    except OSError as error:
+        raise FileError([Problem(file=str(path), got=f"cannot be read: {error.strerror or error}")]) from error
+
+
+def _object(text: bytes, path: Path, keys: Iterable[str], line: int = 0) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        got = f"damaged, no JSON: {error}"
+    else:
+        missing = [key for key in keys if key not in found] if isinstance(found, dict) else []
+        if isinstance(found, dict) and not missing:
+            return found
+        got = f"{', '.join(missing)} is missing" if missing else f"got a {type(found).__name__}"
+    raise FileError([Problem(file=str(path), line=line, got=got, allowed="what `grape` wrote")])
 
 
 def cut_torn_line(path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from grape.mission.page import document, none, number, picture, section, table, tiles
-from grape.mission.record import read_events, write_atomic
+from grape.mission.record import read_events, read_json, write_atomic
 from grape.mission.report_drive import drive_view, estimate_table, load_drive, map_beside_truth
 from grape.mission.report_servo import servo_card, servo_runs
 from grape.mission.svg import PALETTE, drawing, label, line_chart, tag
@@ -23,7 +22,7 @@ MAX_PICTURES = 60
 
 def write_report(folder: Path) -> None:
     """Write report.html from the other files of a run folder."""
-    result = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    result = read_json(folder / "result.json")
     events = list(read_events(folder / "events.jsonl"))
     path = _read_path(folder / "path.csv")
     plants = {plant["id"]: plant for plant in result["plants"]}

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from paper_campaign import write_run
 
-from grape.campaign.plan import keep_plan, make_jobs, make_plan, parse_variation
+from grape.campaign.plan import PLAN_FILE, keep_plan, make_jobs, make_plan, parse_variation
 from grape.errors import FileError, InvalidInput
 
 MISSION = "dispenser_deployment"
@@ -42,6 +42,28 @@ def test_malformed_variations_are_refused(text: str) -> None:
 def test_a_key_cannot_have_two_masters(settings: list[str], vary: list[str]) -> None:
     with pytest.raises(InvalidInput, match=r"seeds come from --seeds|given twice"):
         make_plan(MISSION, settings, vary)
+
+
+def test_too_many_combinations_are_refused() -> None:
+    many = ",".join(str(value) for value in range(30))
+    with pytest.raises(InvalidInput, match="729000000 combinations; allowed: at most 10000"):
+        make_plan("dispenser_deployment", [], [f"key{k}={many}" for k in range(6)])
+
+
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\xff"])
+def test_a_damaged_plan_is_named(folder: Path, content: bytes) -> None:
+    (folder / PLAN_FILE).write_bytes(content)
+    with pytest.raises(FileError, match=r"plan\.json: "):
+        keep_plan(make_plan(MISSION, [], []), folder)
+
+
+@pytest.mark.parametrize("content", [b"", b"[]", b"null", b'{"status": "succeeded"}', b"\xff"])
+def test_a_damaged_result_is_named(folder: Path, content: bytes) -> None:
+    (job,) = make_jobs(make_plan(MISSION, [], []), [0], folder)
+    job.folder.mkdir(parents=True, exist_ok=True)
+    (job.folder / "result.json").write_bytes(content)
+    with pytest.raises(FileError, match=r"seed0/result\.json: "):
+        job.result()
 
 
 def test_every_varied_value_is_checked_before_anything_runs() -> None:

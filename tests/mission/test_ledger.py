@@ -89,6 +89,16 @@ def test_files_that_are_no_ledger_are_refused(tmp_path: Path, content: bytes | N
         SqliteLedger.open(path)
 
 
+def test_a_damaged_ledger_is_refused(ledger: SqliteLedger, tmp_path: Path) -> None:
+    ledger.close()
+    path = tmp_path / "ledger.sqlite"
+    content = bytearray(path.read_bytes())
+    content[4096:] = bytes(len(content) - 4096)
+    path.write_bytes(content)
+    with pytest.raises(InvalidInput, match=r"ledger\.sqlite is damaged"):
+        SqliteLedger.open(path)
+
+
 def test_a_killed_process_loses_nothing(tmp_path: Path) -> None:
     program = (
         "import os, signal, sys; from pathlib import Path; from grape.mission.ledger import SqliteLedger\n"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from grape.actions.core import Outcome
-from grape.errors import InvalidInput
+from grape.errors import FileError, InvalidInput
 from grape.mission.record import RunRecorder, plain, read_events, write_atomic
 
 
@@ -82,3 +82,11 @@ def test_an_atomic_write_leaves_no_part_behind(tmp_path: Path) -> None:
     write_atomic(tmp_path / "a.txt", "one")
     write_atomic(tmp_path / "a.txt", "two")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a.txt", "two")]
+
+
+@pytest.mark.parametrize("line", ["{", "[]", "{}", '{"t": 1}', "\xff", "null"])
+def test_a_damaged_line_is_named(tmp_path: Path, line: str) -> None:
+    path = tmp_path / "events.jsonl"
+    path.write_bytes(b'{"t": 0, "kind": "a"}\n' + line.encode("latin-1") + b"\n")
+    with pytest.raises(FileError, match=r"events\.jsonl:2: "):
+        list(read_events(path))

@@ -13,7 +13,7 @@ import pytest
 
 from grape.actions.account import RESUMED
 from grape.actions.core import Context, Outcome, Status
-from grape.errors import InvalidInput
+from grape.errors import FileError, InvalidInput
 from grape.mission.file import Mission
 from grape.mission.launch import finish, identity, refuse_changed, resume_mission, write_inputs
 from grape.mission.ledger import SqliteLedger
@@ -110,6 +110,14 @@ def test_a_run_that_has_ended_stays_as_it_is(mission: Mission, tmp_path: Path) -
     assert (tmp_path / "result.json").read_text() == content
 
 
+@pytest.mark.parametrize("content", ["", "{", "[]", "{}", "\N{BYTE ORDER MARK}", '{"ended_by": "tree"}'])
+def test_a_damaged_result_is_named(mission: Mission, tmp_path: Path, content: str) -> None:
+    write_inputs(mission, tmp_path)
+    (tmp_path / "result.json").write_text(content)
+    with pytest.raises(FileError, match=r"result\.json: "):
+        resume_mission(tmp_path)
+
+
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"no run folder.*mission\.yaml"):
         resume_mission(tmp_path)
@@ -124,6 +132,7 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
         (lambda folder: (folder / "tree.xml").unlink(), "tree.xml of the run is missing"),
         (lambda folder: note(folder, "grape", "0.0.1"), "grape 0.0.1 began this run"),
         (lambda folder: begin_step(folder), "simulated world, world/, is gone"),
+        (lambda folder: (begin_step(folder), (folder / "world").mkdir()), "simulated world, world/, is gone"),
     ],
 )
 def test_changed_runs_are_refused(
