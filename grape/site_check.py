@@ -6,14 +6,15 @@ import json
 import math
 import re
 from bisect import bisect_right
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Set
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from grape.config import Document, read_text
 from grape.errors import FileError, Problem, did_you_mean
-from grape.site_features import GEOMETRIES, PLANTS, Key, Report, check_feature, is_number, short
+from grape.site_features import GEOMETRIES, PLANTS, Key, Report, TooMany, check_feature, is_number, short
 
 MAX_BYTES = 20_000_000
 _TOKEN = re.compile(r'"(?:[^"\\]|\\.)*"|[{}\[\],:]|[^\s{}\[\],:"]+')
@@ -50,21 +51,23 @@ def read_checked(path: Path) -> Content:
     except (ValueError, RecursionError) as error:
         got = "nested too deeply" if isinstance(error, RecursionError) else f"not JSON: {str(error)[:80]}"
         raise FileError([Problem(file=str(path), got=got, allowed="a GeoJSON file")]) from None
-    report = Report()
-    content = _document(document, report)
+    report, content = Report(), None
+    with suppress(TooMany):
+        content = _document(document, report)
     if report.found or content is None:
         raise FileError(_located(str(path), text, report.found))
     return content
 
 
-def _located(file: str, text: str, found: Iterable[tuple[Key, str, str, str]]) -> Iterator[Problem]:
-    document = Document(file=file, data={}, places=_places(text))
+def _located(file: str, text: str, found: list[tuple[Key, str, str, str]]) -> Iterator[Problem]:
+    wanted = {path[:length] for path, *_ in found for length in range(len(path) + 1)}
+    document = Document(file=file, data={}, places=_places(text, wanted))
     for path, got, allowed, suggestion in found:
         yield document.problem(path, got, allowed, suggestion)
 
 
-def _places(text: str) -> dict[Key, tuple[int, int]]:
-    """Line and column of every member (at its name) and list item of a valid JSON text.
+def _places(text: str, wanted: Set[Key]) -> dict[Key, tuple[int, int]]:
+    """Line and column of the wanted members (at their names) and list items of a valid JSON text.
 
     The YAML parser knows places too, but takes 10 s for a vineyard of 3 000 plants.
     """
@@ -85,7 +88,7 @@ def _places(text: str) -> dict[Key, tuple[int, int]]:
             if names:
                 key = json.loads(token)
             here = (*path, key) if open_ and key is not None else path
-            if names or not in_object:
+            if (names or not in_object) and here in wanted:
                 line = bisect_right(newlines, match.start()) - 1
                 places[here] = (line + 1, match.start() - newlines[line])
             if not names and token in "{[":

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, TypeGuard
 
-from grape.errors import did_you_mean
+from grape.errors import MOST_PROBLEMS, did_you_mean
 
 GEOMETRIES = {
     "row": ("LineString",),
@@ -24,6 +24,10 @@ _MARKER_IDS = range(0, 50)  # DICT_4X4_50
 Key = tuple[str | int, ...]
 
 
+class TooMany(Exception):
+    """Enough problems were found."""
+
+
 @dataclass
 class Report:
     """Collects what is wrong as (key path in the document, what was got, what is allowed, suggestion)."""
@@ -31,8 +35,14 @@ class Report:
     found: list[tuple[Key, str, str, str]] = field(default_factory=list)
 
     def add(self, path: Key, got: str, allowed: str = "", suggestion: str = "") -> None:
-        """Notes one problem."""
+        """Notes one problem.
+
+        Raises:
+            TooMany: it was the last that is wanted.
+        """
         self.found.append((path, got, allowed, suggestion))
+        if len(self.found) == MOST_PROBLEMS:
+            raise TooMany
 
 
 def check_feature(feature: Any, path: Key, report: Report) -> dict[str, Any] | None:
@@ -81,9 +91,9 @@ def _properties(item: dict[str, Any], properties: dict[str, Any], at: Key, repor
 
 def _text(properties: dict[str, Any], key: str, at: Key, report: Report, default: str | None = None) -> str:
     value = properties.get(key, default)
-    if not isinstance(value, str) or not value.strip() or len(value) > 80:
+    if not isinstance(value, str) or not value.strip() or len(value) > 80 or not value.isprintable():
         hint = did_you_mean(key, properties) if key not in properties else ""
-        report.add((*at, key), f"got {key} {short(value)}", "a text of 1 to 80 characters", hint)
+        report.add((*at, key), f"got {key} {short(value)}", "a text of 1 to 80 printable characters", hint)
         return ""
     return value
 

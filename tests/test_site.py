@@ -240,7 +240,23 @@ def test_the_place_is_that_of_the_wrong_value(document, problems_of):
 
 def test_places_are_those_of_the_yaml_parser():
     text = '{"a": [1, {"b,": "x:}", "c": []}, [[2], {}]],\n "d": {"e": null}, "f": "\\u00e9\\\\"}\n'
-    assert _places(text) == dict(parse_yaml(text, "x").places)
+    places = dict(parse_yaml(text, "x").places)
+    assert _places(text, places.keys()) == places
+    last = max(places, key=lambda key: places[key])
+    assert _places(text, {last}) == {last: places[last]}
+
+
+def test_of_very_many_problems_the_first_are_reported(document, problems_of):
+    document["features"] = [1] * 5000
+    problems = problems_of(document)
+    assert len(problems) == 100
+    assert problems[99].path == "features.99" and problems[99].line > 0
+
+
+@pytest.mark.parametrize("id", ["\ud800", "a\nb", "\x1b[31mred"])
+def test_ids_that_cannot_be_shown_are_refused(document, problems_of, id):
+    document["features"][0]["properties"]["id"] = id
+    assert "printable" in problems_of(document)[0].allowed
 
 
 def test_a_marker_belongs_to_one_nail(document, problems_of):
