@@ -172,6 +172,7 @@ class _Drive:
         if not self._senses.fresh(now):
             self._command = (0.0, 0.0)
             self._state = replace(self._state, command=self._command)
+            self._progress.pause(now)
             base.send(*self._command)
             return
         self._senses.update()
