@@ -77,7 +77,11 @@ class Physics:
         return np.array([self.model.jnt_dofadr[self.identify("joint", name)] for name in names])
 
     def actuators(self, names: tuple[str, ...]) -> Array:
-        """Indices (n,) of the actuators that drive the joints `names`."""
+        """Indices (n,) of the actuators that drive the joints `names`.
+
+        Raises:
+            InvalidInput: no actuator drives one of them.
+        """
         joints = [self.identify("joint", name) for name in names]
         driven = [int(joint) for joint in self.model.actuator_trnid[:, 0]]
         missing = [name for name, joint in zip(names, joints, strict=True) if joint not in driven]

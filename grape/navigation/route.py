@@ -57,6 +57,9 @@ def parking_pose(
         plant: (2,) m, trunk, post or nail in map.
         direction: (2,) unit vector along the row that the robot faces; the row is on its left.
         place: whether the plant is before ("fore") or behind ("aft") the arm base.
+
+    Raises:
+        InvalidInput: `place` is neither.
     """
     options = options or RouteOptions()
     if place not in ("fore", "aft"):
