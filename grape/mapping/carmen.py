@@ -67,6 +67,7 @@ def read_carmen(path: Path, laser: str | None = None, max_range: float | None = 
 
     Raises:
         FileError: the file cannot be read, or lines of known messages are malformed (up to 20, each with its place).
+        InvalidInput: `laser` is no laser message, or `max_range` is not positive.
     """
     try:
         unpack = gzip.open if path.suffix == ".gz" else open
@@ -82,7 +83,8 @@ def parse_carmen(
 ) -> CarmenLog:
     """Read the lines of a log; arguments and errors as of `read_carmen`."""
     if laser is not None and laser not in LASERS:
-        raise InvalidInput(f"no laser message {laser!r}; allowed: {', '.join(LASERS)}; {did_you_mean(laser, LASERS)}")
+        hint = did_you_mean(laser, LASERS)
+        raise InvalidInput(f"no laser message {laser!r}; allowed: {', '.join(LASERS)}" + (f"; {hint}" if hint else ""))
     if max_range is not None and not max_range > 0:
         raise InvalidInput(f"max_range must be above 0, got {max_range}")
     messages: list[Scan | Odom | TruePose] = []
