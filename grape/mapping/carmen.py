@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from grape.errors import FileError, InvalidInput, Problem, did_you_mean
+from grape.errors import FileError, InvalidInput, Problem, with_suggestion
 from grape.mapping.carmen_lines import LASERS, LineProblem, Odom, Scan, TruePose, parse_line
 from grape.mapping.carmen_poses import Poses, resolve_poses
 from grape.messages import Array, LaserScan, frozen_array
@@ -83,8 +83,8 @@ def parse_carmen(
 ) -> CarmenLog:
     """Read the lines of a log; arguments and errors as of `read_carmen`."""
     if laser is not None and laser not in LASERS:
-        hint = did_you_mean(laser, LASERS)
-        raise InvalidInput(f"no laser message {laser!r}; allowed: {', '.join(LASERS)}" + (f"; {hint}" if hint else ""))
+        sentence = f"no laser message {laser!r}; allowed: {', '.join(LASERS)}"
+        raise InvalidInput(with_suggestion(sentence, laser, LASERS))
     if max_range is not None and not max_range > 0:
         raise InvalidInput(f"max_range must be above 0, got {max_range}")
     messages: list[Scan | Odom | TruePose] = []
