@@ -31,7 +31,7 @@ class BroadphaseChecker:
     def __init__(self, scene: BenchScene, manager: str) -> None:
         self._model = _arm(scene.robot.body)
         shapes = pin.GeometryModel()
-        _add_shapes(shapes, self._model, scene)
+        _add_shapes(shapes, scene)
         self._data = self._model.createData()
         self._shapes, self._shape_data = shapes, pin.GeometryData(shapes)
         for request in self._shape_data.collisionRequests:
@@ -58,7 +58,7 @@ def _arm(body: SphereModel) -> Any:
     return model
 
 
-def _add_shapes(shapes: Any, model: Any, scene: BenchScene) -> None:
+def _add_shapes(shapes: Any, scene: BenchScene) -> None:
     import coal
 
     body = scene.robot.body

@@ -14,12 +14,13 @@ import numpy as np
 from grape.experiments.filter_consistency import STATES, nees
 from grape.experiments.g2_discord import accounted, spoilt
 from grape.experiments.g2_tracks import ONE_FILTER, WAYS, WITH_AMCL, Track, at_its_fixes, followed, with_amcl
+from grape.experiments.quantities import median_of
 from grape.experiments.skid_steer_log import DATUM, SkidSteerLog, simulate_skid_steer, skid_steer_sensors
 from grape.localization import Fusion, Reading
 from grape.messages import Array
 from grape.mission.record import write_atomic
 from grape.mission.svg import line_chart
-from grape.proof import Experiment, Figure, Proof, Quantity, median95
+from grape.proof import Experiment, Figure, Proof, Quantity
 
 SESSION_S, SETTLED_S = 780.0, 10.0
 OUTAGES_S = ((100.0, 160.0), (240.0, 300.0), (620.0, 680.0))  # the second one over a change of row
@@ -169,11 +170,11 @@ def quantities(sessions: Sequence[dict[str, Any]]) -> tuple[Quantity, ...]:
         rmse, goal = float(np.sqrt(np.mean(np.square(values["rmse"])))), "<= 0.03" if way.name == ONE_FILTER else ""
         found += [
             Quantity(name=f"{way.name}: RMSE", unit="m", value=rmse, n=n, reference=way.reference, goal=goal),
-            _median(f"{way.name}: final error, median", "m", values["final"]),
+            median_of(f"{way.name}: final error", "m", values["final"]),
             Quantity(name=f"{way.name}: largest error", unit="m", value=max(values["largest"]), n=n),
         ]
         if way.keeps_up:
-            found.append(_median(f"{way.name}: lag, median", "s", values["lag"]))
+            found.append(median_of(f"{way.name}: lag", "s", values["lag"]))
     fixes = float(np.sqrt(np.mean([s["rmse_at_fixes"] ** 2 for s in sessions])))
     found.append(Quantity(name="GNSS only, at the time of its fixes: RMSE", unit="m", value=fixes, n=n))
     return (*found, *_troubles(sessions), *_consistency(sessions))
@@ -183,9 +184,9 @@ def _troubles(sessions: Sequence[dict[str, Any]]) -> list[Quantity]:
     keys = ("outages", "outages_amcl", "moved", "off")
     lost, lost_amcl, moved, off = ([value for s in sessions for value in s[key]] for key in keys)
     return [
-        _median("EKF, 60 s without GNSS: largest error, median", "m", lost),
+        median_of("EKF, 60 s without GNSS: largest error", "m", lost),
         _largest("EKF, 60 s without GNSS: largest error, worst", lost, "<= 0.30"),
-        _median("EKF + AMCL, 60 s without GNSS: largest error, median", "m", lost_amcl),
+        median_of("EKF + AMCL, 60 s without GNSS: largest error", "m", lost_amcl),
         _largest("EKF + AMCL, 60 s without GNSS: largest error, worst", lost_amcl, "<= 0.30"),
         _largest("EKF: moved by a jump of 0.5 m, at most", moved, "< 0.05"),
         _largest("EKF: off for want of the fix that jumped, at most", off, ""),
@@ -201,7 +202,7 @@ def _discords(sessions: Sequence[dict[str, Any]]) -> list[Quantity]:
         found += [
             _largest(f"EKF + AMCL, {name}: estimate off the unspoilt one, at most", [case["off"] for case in seen], ""),
             Quantity(name=f"EKF + AMCL, {name}: discord told", unit="1", value=float(len(told)), n=len(seen)),
-            _median(f"EKF + AMCL, {name}: discord told after, median", "s", told),
+            median_of(f"EKF + AMCL, {name}: discord told after", "s", told),
         ]
     silent = [float(s["discord"]["false_s"]) for s in sessions]
     found.append(Quantity(name="EKF + AMCL: discord told else, of all", unit="s", value=sum(silent), n=len(silent)))
@@ -226,11 +227,6 @@ def _consistency(sessions: Sequence[dict[str, Any]]) -> list[Quantity]:
 
 def _largest(name: str, values: Sequence[float], goal: str) -> Quantity:
     return Quantity(name=name, unit="m", value=max(values, default=None), n=len(values), goal=goal)
-
-
-def _median(name: str, unit: str, values: Sequence[float]) -> Quantity:
-    value = float(np.median(values)) if values else None
-    return Quantity(name=name, unit=unit, value=value, n=len(values), ci95=median95(values))
 
 
 def figures(first: dict[str, Any]) -> tuple[Figure, ...]:

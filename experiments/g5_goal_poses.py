@@ -13,11 +13,12 @@ from grape.actions.drive_to_pose import PURE_PURSUIT
 from grape.actions.shortest_way import footprint_of
 from grape.experiments.base_bench import BaseBench, Driven
 from grape.experiments.goal_vineyards import tour
+from grape.experiments.quantities import count_of, median_of
 from grape.messages import Array
 from grape.mission.command import Cancellation
 from grape.mission.record import write_atomic
 from grape.mission.svg import PALETTE, Frame, drawing, interval_chart, legend, tag
-from grape.proof import Experiment, Figure, Proof, Quantity, median95, wilson95
+from grape.proof import Experiment, Figure, Proof, Quantity, wilson95
 from grape.robots.husky_jaco2 import DESCRIPTION
 
 OFF_M, OFF_DEG = 0.05, 2.0
@@ -116,19 +117,19 @@ def quantities(drives: Sequence[GoalDrive]) -> tuple[Quantity, ...]:
     return (
         _high("off the goal, 95th percentile", "m", off, f"<= {OFF_M}"),
         _high("turned off the goal, 95th percentile", "deg", turned, f"<= {OFF_DEG:g}"),
-        _median("off the goal", "m", off),
-        _median("turned off the goal", "deg", turned),
+        median_of("off the goal", "m", off),
+        median_of("turned off the goal", "deg", turned),
         _rate("drives that succeeded", drives),
         *(_rate(f"{kind}: succeeded", _of_kind(drives, kind)) for kind in KINDS),
         _rate("changes of row and turns round on slopes of 5 to 10 degrees: succeeded", steep),
         _rate("changes of row past an occupied lane: succeeded", passing),
-        _count("drives that touched something", [bool(drive.driven.touched) for drive in drives]),
-        _count("drives that entered a fence", [bool(drive.driven.fences) for drive in drives]),
+        count_of("drives that touched something", [bool(drive.driven.touched) for drive in drives]),
+        count_of("drives that entered a fence", [bool(drive.driven.fences) for drive in drives]),
         _high("estimate off where it stands, 95th percentile", "m", [driven.estimate_off_m for driven in there]),
         _high("estimate turned off there, 95th percentile", "deg", [abs(d.estimate_off_deg) for d in there]),
-        _count("detours and retreats", [len(drive.driven.recoveries) for drive in drives], ""),
+        count_of("detours and retreats", [len(drive.driven.recoveries) for drive in drives], ""),
         *(
-            _median(f"{kind}: time", "s", [d.driven.time_s for d in _of_kind(drives, kind) if d.driven.reached])
+            median_of(f"{kind}: time", "s", [d.driven.time_s for d in _of_kind(drives, kind) if d.driven.reached])
             for kind in KINDS
         ),
     )
@@ -150,18 +151,9 @@ def _high(name: str, unit: str, values: Sequence[float], goal: str = "") -> Quan
     )  # fmt: skip
 
 
-def _median(name: str, unit: str, values: Sequence[float]) -> Quantity:
-    value = float(np.median(values)) if values else None
-    return Quantity(name=f"{name}, median", unit=unit, value=value, n=len(values), ci95=median95(values))
-
-
 def _rate(name: str, drives: Sequence[GoalDrive]) -> Quantity:
     n, good = len(drives), sum(drive.success for drive in drives)
     return Quantity(name=name, unit="1", value=good / n if n else None, n=n, ci95=wilson95(good, n))
-
-
-def _count(name: str, values: Sequence[int], goal: str = "= 0") -> Quantity:
-    return Quantity(name=name, unit="1", value=float(sum(values)), n=len(values), goal=goal)
 
 
 def figures(drives: Sequence[GoalDrive]) -> tuple[Figure, ...]:

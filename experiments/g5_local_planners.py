@@ -9,11 +9,12 @@ import numpy as np
 
 from grape.experiments.driving_bench import PLANNERS, Outcome, driven, fences_of
 from grape.experiments.driving_yard import Base, Yard, in_fence, yard
+from grape.experiments.quantities import count_of, median_of
 from grape.mission.command import Cancellation
 from grape.mission.svg import PALETTE, Frame, drawing, interval_chart, legend, tag
 from grape.navigation.grid import Footprint
 from grape.navigation.turning import room_to_turn
-from grape.proof import Experiment, Figure, Proof, Quantity, median95, wilson95
+from grape.proof import Experiment, Figure, Proof, Quantity, wilson95
 
 JUDGED = ("dwa", "teb", "mppi")
 REFERENCE = {
@@ -87,13 +88,13 @@ def _of_planner(name: str, drives: Sequence[Outcome], shared: set[tuple[int, str
             name=f"{name}: drives that succeeded", unit="1", value=good / n, n=n, ci95=wilson95(good, n),
             reference=REFERENCE.get(name, ""), goal=">= 0.99" if judged else "",
         ),
-        _count(f"{name}: drives with a contact", [drive.contact for drive in drives], zero),
-        _count(f"{name}: drives that entered a fence", [drive.fence for drive in drives], zero),
-        _count(f"{name}: times stuck", [drive.stuck for drive in drives], ""),
-        _count(f"{name}: times stuck in changes of row", [d.stuck for d in drives if d.kind == "row change"], ""),
+        count_of(f"{name}: drives with a contact", [drive.contact for drive in drives], zero),
+        count_of(f"{name}: drives that entered a fence", [drive.fence for drive in drives], zero),
+        count_of(f"{name}: times stuck", [drive.stuck for drive in drives], ""),
+        count_of(f"{name}: times stuck in changes of row", [d.stuck for d in drives if d.kind == "row change"], ""),
         Quantity(name=f"{name}: least clearance", unit="m", value=min(d.least_gap_m for d in drives), n=n),
-        _median(f"{name}: time", "s", [drive.time_s for drive in fair]),
-        _median(f"{name}: path length", "m", [drive.driven_m for drive in fair]),
+        median_of(f"{name}: time", "s", [drive.time_s for drive in fair]),
+        median_of(f"{name}: path length", "m", [drive.driven_m for drive in fair]),
         _high(f"{name}: off the goal, 95th percentile", "m", [d.off_m for d in reached], "<= 0.05" if judged else ""),
         _high(
             f"{name}: turned off the goal, 95th percentile", "deg",
@@ -101,15 +102,6 @@ def _of_planner(name: str, drives: Sequence[Outcome], shared: set[tuple[int, str
         ),
     ]  # fmt: skip
     return rows
-
-
-def _count(name: str, values: Sequence[int], goal: str) -> Quantity:
-    return Quantity(name=name, unit="1", value=float(sum(values)), n=len(values), goal=goal)
-
-
-def _median(name: str, unit: str, values: Sequence[float]) -> Quantity:
-    value = float(np.median(values)) if values else None
-    return Quantity(name=f"{name}, median", unit=unit, value=value, n=len(values), ci95=median95(values))
 
 
 def _high(name: str, unit: str, values: Sequence[float], goal: str) -> Quantity:

@@ -13,7 +13,7 @@ import numpy as np
 
 from grape.actions.robot import Robot, build_robot
 from grape.errors import InvalidInput
-from grape.geometry import inverse, pose, rotation_exp, rotation_from_rpy, rotation_to_quaternion, transform
+from grape.geometry import inverse, pose, rotation_exp, rotation_from_rpy, transform
 from grape.kinematics import inverse_all, inverse_path
 from grape.messages import Array, LaserScan, RgbdImage
 from grape.perception.sweep import Sweep, assemble
@@ -162,7 +162,7 @@ class _Sensors:
         wanted = list(np.rint(np.linspace(0, len(path) - 1, goal.images)).astype(int))
         data = self._physics.data
         data.qpos[:] = self._physics.model.qpos0
-        self._put_base(T_map_base)
+        self._physics.put(BASE_JOINT, T_map_base)
         fingers, gripper = DESCRIPTION.gripper.joints, DESCRIPTION.gripper
         closed = [gripper.thumb_clear, gripper.closed_angle, gripper.closed_angle]
         data.qpos[self._physics.joint_qpos(fingers)] = closed
@@ -177,12 +177,6 @@ class _Sensors:
                 self.images.append((self._camera.latest(), k))
             self.T_base_hand.append(robot.hand_pose(q))
         self._camera.close()
-
-    def _put_base(self, T_map_base: Array) -> None:
-        physics = self._physics
-        address = physics.model.jnt_qposadr[physics.identify("joint", BASE_JOINT)]
-        physics.data.qpos[address : address + 3] = T_map_base[:3, 3]
-        physics.data.qpos[address + 3 : address + 7] = rotation_to_quaternion(T_map_base[:3, :3])
 
 
 def _joint_path(robot: Robot, goal: ScanVineGoal, row_y: float) -> Array:

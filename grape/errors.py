@@ -122,3 +122,9 @@ def did_you_mean(got: str, allowed: Iterable[str]) -> str:
     """A suggestion for a misspelt name, or an empty string when nothing is close."""
     close = difflib.get_close_matches(got, list(allowed), n=1, cutoff=0.6)
     return f"did you mean {close[0]!r}?" if close else ""
+
+
+def with_suggestion(sentence: str, got: str, allowed: Iterable[str]) -> str:
+    """The sentence, and after it what may have been meant, where something allowed is close to what was got."""
+    hint = did_you_mean(got, allowed)
+    return f"{sentence}; {hint}" if hint else sentence

@@ -37,12 +37,20 @@ class FrameTree:
         self._poses: dict[str, deque[Array]] = {}
 
     def set_fixed(self, parent: str, child: str, T_parent_child: Array) -> None:
-        """Declare a mount that never moves."""
+        """Declare a mount that never moves; `T_parent_child` is (4, 4).
+
+        Raises:
+            InvalidInput: that is no pose, or the frame has another parent or would be its own ancestor.
+        """
         self._link(parent, child, T_parent_child)
         self._fixed[child] = frozen_array(T_parent_child, float)
 
     def push(self, parent: str, child: str, T_parent_child: Array, stamp: float) -> None:
-        """Append the pose of a moving frame; stamps must not decrease."""
+        """Append the pose `T_parent_child` (4, 4) of a moving frame at `stamp` (s).
+
+        Raises:
+            InvalidInput: as of `set_fixed`, or the stamp is older than the newest one.
+        """
         self._link(parent, child, T_parent_child)
         stamps = self._stamps.setdefault(child, deque())
         poses = self._poses.setdefault(child, deque())
@@ -76,18 +84,17 @@ class FrameTree:
     def _link(self, parent: str, child: str, T: Array) -> None:
         if not is_pose(T):
             raise InvalidInput(f"pose of {child!r} in {parent!r} is no rigid transform:\n{T}")
-        known = self._parent.setdefault(child, parent)
+        known = self._parent.get(child, parent)
         if known != parent:
             raise InvalidInput(f"frame {child!r} already hangs on {known!r}, not on {parent!r}")
         if child in self._ancestors(parent):
             raise InvalidInput(f"frame {child!r} would be its own ancestor through {parent!r}")
+        self._parent[child] = parent
 
     def _ancestors(self, frame: str) -> list[str]:
         chain = [frame]
         while chain[-1] in self._parent:
             chain.append(self._parent[chain[-1]])
-            if len(chain) > 1 and chain[-1] == frame:
-                break
         return chain
 
     def _climb(self, frame: str, ancestor: str, stamp: float | None) -> Array:
@@ -110,5 +117,4 @@ class FrameTree:
             return poses[0]
         if k == len(stamps):
             return poses[-1]
-        span = stamps[k] - stamps[k - 1]
-        return interpolate(poses[k - 1], poses[k], (stamp - stamps[k - 1]) / span) if span > 0 else poses[k]
+        return interpolate(poses[k - 1], poses[k], (stamp - stamps[k - 1]) / (stamps[k] - stamps[k - 1]))

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from grape.errors import GrapeError, did_you_mean
+from grape.errors import GrapeError, with_suggestion
 from grape.proof import Bench, Experiment
 
 TASKS, ROBOTS, WORLDS = "grape.tasks", "grape.robots", "grape.worlds"
@@ -189,7 +189,7 @@ def load(group: str, name: str) -> Any:
     """
     found = find(group)
     if name not in found:
-        hint = did_you_mean(name, found)
         allowed = ", ".join(sorted(found)) or "none"
-        raise PluginError(f"{group}: {name!r} is not installed; there are {allowed}" + (f"; {hint}" if hint else ""))
+        sentence = f"{group}: {name!r} is not installed; there are {allowed}"
+        raise PluginError(with_suggestion(sentence, name, found))
     return found[name].load()

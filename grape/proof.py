@@ -166,6 +166,9 @@ def parse_seeds(text: str) -> range:
 def wilson95(yes: int, n: int) -> tuple[float, float]:
     """95 % confidence interval of the rate of `yes` among `n`; (0, 1) when n is 0.
 
+    Raises:
+        InvalidInput: `yes` is not within 0..n.
+
     Source: Wilson, Probable inference, the law of succession, and statistical inference, 1927.
     """
     if not 0 <= yes <= n:

@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from grape.errors import InvalidInput, did_you_mean
+from grape.errors import InvalidInput, with_suggestion
 from grape.geodesy import Datum, enu_from_geodetic, geodetic_from_enu
 from grape.messages import Array, frozen_array
 from grape.site_check import read_checked
@@ -138,8 +138,7 @@ class Site(_Frozen):
 def _find(things: Iterable[Any], id: str, what: str) -> Any:
     by_id = {thing.id: thing for thing in things}
     if id not in by_id:
-        hint = did_you_mean(id, by_id)
-        raise InvalidInput(f"the site has no {what} {id!r}; it has {', '.join(by_id)}{'; ' + hint if hint else ''}")
+        raise InvalidInput(with_suggestion(f"the site has no {what} {id!r}; it has {', '.join(by_id)}", id, by_id))
     return by_id[id]
 
 

@@ -7,7 +7,7 @@ drivers are named by string (`package.module:factory`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Literal
 
@@ -164,7 +164,7 @@ class FeederDescription(_Frozen):
 
 @dataclass(frozen=True, kw_only=True)
 class RobotDescription:
-    """A robot as data; `mjcf` is the one source of its body, `bodies` tell how collision shapes are found in it."""
+    """A robot as data; `mjcf` is the one source of its body, and of the shapes that planners use."""
 
     name: str
     mjcf: Path
@@ -175,10 +175,13 @@ class RobotDescription:
     mounts: Mapping[str, Mount]
     drivers: Mapping[str, str]
     collision_group: int = 3  # geom group of the shapes that planners use
-    frames: Mapping[str, str] = field(default_factory=dict)  # other named frames -> what they are
 
     def T_base_link_sensor(self, name: str) -> Array:
-        """Pose of a sensor that is fixed to base_link (4, 4)."""
+        """Pose of a sensor that is fixed to base_link (4, 4).
+
+        Raises:
+            KeyError: there is no such sensor, or it is mounted elsewhere.
+        """
         mount = self.mounts[name]
         if mount.parent != "base_link":
             raise KeyError(f"{name} is mounted on {mount.parent}, not on base_link")

@@ -44,11 +44,6 @@ class ArmErrors:
         if (self.play < 0).any():
             raise InvalidInput(f"arm errors: play cannot be negative, got {self.play}")
 
-    @classmethod
-    def none(cls, joints: int) -> ArmErrors:
-        """A perfect arm."""
-        return cls(bias=np.zeros(joints), play=np.zeros(joints), rate=np.zeros(joints))
-
 
 def draw_arm_errors(rng: np.random.Generator, joints: int, level: float = 1.0) -> ArmErrors:
     """The errors of an arm as it comes: bias uniform in both directions, play between half and all of the largest.

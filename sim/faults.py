@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from grape.errors import InvalidInput, did_you_mean
+from grape.errors import InvalidInput, with_suggestion
 from grape.messages import Array
 from grape.sim.compose import BASE_BODY, DISPENSER
 from grape.sim.dispenser import place_dispenser
@@ -80,8 +80,8 @@ def apply_fault(fault: Fault, physics: Physics, drivers: SimulatedDrivers) -> No
             _drop(physics, index)
         case FreezeSensor(name=name, frozen=frozen):
             if name not in drivers.sensors:
-                known = ", ".join(drivers.sensors)
-                raise InvalidInput(f"no sensor {name!r}; allowed: {known}; {did_you_mean(name, drivers.sensors)}")
+                sentence = f"no sensor {name!r}; allowed: {', '.join(drivers.sensors)}"
+                raise InvalidInput(with_suggestion(sentence, name, drivers.sensors))
             drivers.sensors[name].freeze(frozen)
         case GnssJump(bias=bias, duration_s=duration_s, wrong_fix=wrong_fix):
             now = physics.clock.now()

@@ -93,7 +93,7 @@ class PartTable:
             if thing is not None:
                 labels[geom] = thing.label
             if touchable:
-                kinds[geom] = _kind(chain, name, labels[geom], robot)
+                kinds[geom] = _kind(chain, labels[geom], robot)
         matrix = np.zeros((len(Part), len(Part)), dtype=bool)
         for a, b in _FORBIDDEN:
             matrix[a, b] = matrix[b, a] = True
@@ -124,7 +124,7 @@ def _body_chains(model: mujoco.MjModel) -> list[list[str]]:
     return chains
 
 
-def _kind(chain: list[str], name: str, label: int, robot: RobotDescription) -> Part:
+def _kind(chain: list[str], label: int, robot: RobotDescription) -> Part:
     if any(body.startswith(DISPENSER) for body in chain):
         return Part.DISPENSER
     if chain[0].startswith(WALKER_PREFIX):

@@ -8,6 +8,7 @@ import mujoco
 import numpy as np
 
 from grape.errors import DriverError, InvalidInput
+from grape.geometry import rotation_to_quaternion
 from grape.messages import Array
 from grape.sim.culling import LOOK_STEPS, ContactCulling
 
@@ -46,6 +47,16 @@ class Physics:
         self._culling.show_all()
         self._next_look = self.clock.step + 1
 
+    def put(self, joint: str, T_map_body: Array) -> None:
+        """Set the free joint of a body to a pose (4, 4); velocities stay as they are.
+
+        Raises:
+            InvalidInput: the model has no such joint.
+        """
+        address = self.model.jnt_qposadr[self.identify("joint", joint)]
+        self.data.qpos[address : address + 3] = T_map_body[:3, 3]
+        self.data.qpos[address + 3 : address + 7] = rotation_to_quaternion(T_map_body[:3, :3])
+
     def step(self) -> None:
         """Advance the state by one step.
 
@@ -77,7 +88,11 @@ class Physics:
         return np.array([self.model.jnt_dofadr[self.identify("joint", name)] for name in names])
 
     def actuators(self, names: tuple[str, ...]) -> Array:
-        """Indices (n,) of the actuators that drive the joints `names`."""
+        """Indices (n,) of the actuators that drive the joints `names`.
+
+        Raises:
+            InvalidInput: no actuator drives one of them.
+        """
         joints = [self.identify("joint", name) for name in names]
         driven = [int(joint) for joint in self.model.actuator_trnid[:, 0]]
         missing = [name for name, joint in zip(names, joints, strict=True) if joint not in driven]

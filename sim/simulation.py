@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 
 from grape.drivers import Drivers
-from grape.geometry import pose, rotation_to_quaternion, rotation_z
+from grape.geometry import pose, rotation_z
 from grape.messages import Array
 from grape.robots import RobotDescription
 from grape.sim.checkpoint import Checkpoint
@@ -170,7 +170,7 @@ class Simulation:
             _upright(corners, ground[:-1]) @ heading,
             (*site.start, ground.max() + _rest_height(physics) + 0.005),
         )
-        _set_free_joint(physics, BASE_JOINT, T_map_base)
+        physics.put(BASE_JOINT, T_map_base)
         poses = robot.arm.poses
         start = poses.get(self.options.arm_pose, poses["home"])
         physics.data.qpos[physics.joint_qpos(robot.arm.joints)] = start
@@ -178,7 +178,7 @@ class Simulation:
         physics.data.qpos[physics.joint_qpos(robot.gripper.joints)] = closed
         for index in range(self.options.dispensers):
             T_map_loop = T_map_base @ robot.feeder.T_base_link_level(index)
-            _set_free_joint(physics, f"{DISPENSER}{index}", T_map_loop)
+            physics.put(f"{DISPENSER}{index}", T_map_loop)
         self._walk()
         physics.rearranged()
         mujoco.mj_forward(physics.model, physics.data)
@@ -230,9 +230,3 @@ def _upright(corners: Array, heights: Array) -> Array:
     z = np.cross(x, y)
     z = z / np.linalg.norm(z)
     return np.column_stack([x, np.cross(z, x), z])
-
-
-def _set_free_joint(physics: Physics, name: str, T_map_body: Array) -> None:
-    address = physics.model.jnt_qposadr[physics.identify("joint", name)]
-    physics.data.qpos[address : address + 3] = T_map_body[:3, 3]
-    physics.data.qpos[address + 3 : address + 7] = rotation_to_quaternion(T_map_body[:3, :3])

@@ -81,7 +81,7 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
                 drive.beat(base)
                 yield drive.feedback()
                 if drive.wants_plan:
-                    yield from drive.replan(base)
+                    yield from drive.replan()
         finally:
             ctx.world.driving = None
         return drive.result()
@@ -145,7 +145,7 @@ class _Drive:
             raise ActionFailed(Reason.BLOCKED, f"with what stands there, {closed.detail}") from closed
         self._start_path()
 
-    def replan(self, base: BaseDriver) -> Generator[Feedback, None, None]:
+    def replan(self) -> Generator[Feedback, None, None]:
         """Another path around what is in the way; when there is none, the old one is kept and the robot waits."""
         self.wants_plan = False
         self._replan_s = self._ctx.clock.now() + REPLAN_S

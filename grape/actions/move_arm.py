@@ -11,7 +11,7 @@ import numpy as np
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
 from grape.drivers import ArmDriver
-from grape.errors import ActionFailed, GoalRejected, Reason, did_you_mean
+from grape.errors import ActionFailed, GoalRejected, Reason, with_suggestion
 from grape.geometry import interpolate
 from grape.kinematics import IkSolution, inverse_all, inverse_path
 from grape.messages import Array
@@ -35,7 +35,8 @@ def move_arm_to_named(goal: MoveArmToNamedGoal, ctx: Context) -> Generator[Feedb
     """Moves the arm, collision-free, to one of the robot's named poses at its absolute angles."""
     poses = ctx.robot.description.arm.poses
     if goal.pose not in poses:
-        raise GoalRejected(f"no arm pose {goal.pose!r}; it has {', '.join(poses)} {did_you_mean(goal.pose, poses)}")
+        sentence = f"no arm pose {goal.pose!r}; it has {', '.join(poses)}"
+        raise GoalRejected(with_suggestion(sentence, goal.pose, poses))
     with ctx.arm.lease("MoveArmToNamed") as arm:
         yield from move_to_joints(
             ctx, arm, (poses[goal.pose],), status=f"moving to the {goal.pose} pose", absolute=True

@@ -16,7 +16,7 @@ from functools import cache
 from typing import Any
 
 from grape.actions.core import Action, Condition
-from grape.errors import InvalidInput, Reason, did_you_mean
+from grape.errors import InvalidInput, Reason, with_suggestion
 
 Leaf = Action[Any, Any] | Condition[Any]
 
@@ -209,8 +209,7 @@ def _parse_tuple(text: str, kind: Any) -> tuple[Any, ...]:
 
 def _choose(text: str, choices: Mapping[str, Any]) -> Any:
     if text not in choices:
-        hint = did_you_mean(text, choices)
-        raise InvalidInput(f"{text!r} is none of {', '.join(choices)}" + (f"; {hint}" if hint else ""))
+        raise InvalidInput(with_suggestion(f"{text!r} is none of {', '.join(choices)}", text, choices))
     return choices[text]
 
 

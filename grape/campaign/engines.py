@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Any, Protocol
 
 from grape.campaign.plan import Job
-from grape.errors import GrapeError, did_you_mean
+from grape.errors import GrapeError, with_suggestion
 
 STOP_S = 20.0
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")}
@@ -135,8 +135,7 @@ def engine_named(name: str) -> Callable[[], Engine]:
         EngineError: there is none, or what it needs is not installed.
     """
     if name not in ENGINES:
-        hint = did_you_mean(name, ENGINES)
-        raise EngineError(f"--engine {name}: there are {', '.join(ENGINES)}" + (f"; {hint}" if hint else ""))
+        raise EngineError(with_suggestion(f"--engine {name}: there are {', '.join(ENGINES)}", name, ENGINES))
     if name == "ray" and importlib.util.find_spec("ray") is None:
         raise EngineError("--engine ray needs Ray; install it with: pip install grape[ray]")
     return ENGINES[name]

@@ -110,7 +110,11 @@ def read_shapes(path: Path, group: int = 3) -> tuple[Shape, ...]:
 
 
 def read_body_pose(path: Path, body: str, ancestor: str) -> Array:
-    """`T_ancestor_body` (4, 4) with every joint between them at 0."""
+    """`T_ancestor_body` (4, 4) with every joint between them at 0.
+
+    Raises:
+        InvalidInput: the file has no such body, or it does not hang on the ancestor.
+    """
     root = read_mjcf(path)
     parents = {child: parent for parent in root.iter() for child in parent}
     element, T = _find_body(root, body, path), np.eye(4)

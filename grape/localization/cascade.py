@@ -11,7 +11,7 @@ from grape.geometry import inverse
 from grape.localization.fusion import Fusion
 from grape.localization.readings import Reading, reading_of_message
 from grape.localization.state import Correction
-from grape.messages import Array, Odometry, PoseStamped
+from grape.messages import Odometry, PoseStamped
 
 
 class Cascade:
@@ -91,7 +91,7 @@ class Cascade:
 
 @dataclass(frozen=True, kw_only=True)
 class Transform:
-    """A frame in its parent: `pose.frame_id` is the parent, `pose.pose` is T_parent_child."""
+    """A frame in its parent: `pose.frame_id` is the parent, `pose.pose` is `T_parent_child` (4, 4)."""
 
     pose: PoseStamped
     child_frame_id: str
@@ -103,8 +103,3 @@ class Transform:
             pose=PoseStamped(stamp=stamp, frame_id=odometry.frame_id, pose=odometry.pose),
             child_frame_id=odometry.child_frame_id,
         )
-
-    @property
-    def T_parent_child(self) -> Array:
-        """(4, 4)."""
-        return self.pose.pose

@@ -137,6 +137,9 @@ def from_imu(imu: Imu, config: ImuConfig, previous: Imu | None = None) -> Measur
         config: its mounting and noise.
         previous: the message before; needed for `differential`, where roll, pitch and yaw are left out and the
             rates come from the change of orientation.
+
+    Raises:
+        InvalidInput: `differential` without the message before, or that one is not older.
     """
     R_map_base = quaternion_to_rotation(imu.orientation) @ config.R_base_imu.T
     value, std = np.zeros(15), np.ones(15)

@@ -18,7 +18,11 @@ FLOAT_FACTOR = 3.0  # errors without an integer fix stay for many readings
 
 
 def per_component(**values: float) -> Array:
-    """(15,) with the named values, nan elsewhere: `per_component(vx=0.05, wz=0.1)`."""
+    """(15,) with the named values, nan elsewhere: `per_component(vx=0.05, wz=0.1)`.
+
+    Raises:
+        InvalidInput: a name is no component of the state.
+    """
     unknown = set(values) - set(STATE)
     if unknown:
         raise InvalidInput(f"unknown state components {sorted(unknown)}; allowed: {', '.join(STATE)}")

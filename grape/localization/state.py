@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from grape.errors import InvalidInput, did_you_mean
+from grape.errors import InvalidInput, with_suggestion
 from grape.geometry import is_pose
 from grape.messages import Array, frozen_array
 
@@ -25,8 +25,8 @@ def components(*names: str) -> tuple[bool, ...]:
     """
     unknown = [name for name in names if name not in STATE]
     if unknown:
-        hint = did_you_mean(unknown[0], STATE)
-        raise InvalidInput(f"unknown state components {unknown}; allowed: {', '.join(STATE)}{'; ' + hint * bool(hint)}")
+        sentence = f"unknown state components {unknown}; allowed: {', '.join(STATE)}"
+        raise InvalidInput(with_suggestion(sentence, unknown[0], STATE))
     return tuple(name in names for name in STATE)
 
 

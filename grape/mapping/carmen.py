@@ -17,7 +17,7 @@ from typing import TextIO
 
 import numpy as np
 
-from grape.errors import FileError, InvalidInput, Problem, did_you_mean
+from grape.errors import FileError, InvalidInput, Problem, with_suggestion
 from grape.mapping.carmen_lines import LASERS, LineProblem, Odom, Scan, TruePose, parse_line
 from grape.mapping.carmen_poses import Poses, resolve_poses
 from grape.messages import Array, LaserScan, frozen_array
@@ -70,6 +70,7 @@ def read_carmen(path: Path, laser: str | None = None, max_range: float | None = 
 
     Raises:
         FileError: the file cannot be read, or lines of known messages are malformed (up to 20, each with its place).
+        InvalidInput: `laser` is no laser message, or `max_range` is not positive.
     """
     try:
         unpack = gzip.open if path.suffix == ".gz" else open
@@ -95,7 +96,8 @@ def parse_carmen(
 ) -> CarmenLog:
     """Read the lines of a log; arguments and errors as of `read_carmen`."""
     if laser is not None and laser not in LASERS:
-        raise InvalidInput(f"no laser message {laser!r}; allowed: {', '.join(LASERS)}; {did_you_mean(laser, LASERS)}")
+        sentence = f"no laser message {laser!r}; allowed: {', '.join(LASERS)}"
+        raise InvalidInput(with_suggestion(sentence, laser, LASERS))
     if max_range is not None and not max_range > 0:
         raise InvalidInput(f"max_range must be above 0, got {max_range}")
     messages: list[Scan | Odom | TruePose] = []

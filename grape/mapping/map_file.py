@@ -101,6 +101,9 @@ def save_map(grid: OccupancyGrid, path: Path, format: MapFormat | None = None) -
     """Write `path` (.yaml) and its image beside it; returns the path of the image.
 
     The image is a PGM; in `scale` mode a PNG with alpha, for a PGM cannot say what is unknown there.
+
+    Raises:
+        InvalidInput: the path does not end in .yaml, or the image cannot be written.
     """
     import cv2
 

@@ -68,7 +68,11 @@ def trajectory_error(estimate: Array, reference: Array, fit: bool = True) -> Tra
 
 
 def relation_error(estimate: Array, reference: Array, apart: int = 1) -> RelationError:
-    """Error of the relations between each pose and the one `apart` poses later."""
+    """Error of the relations between each pose and the one `apart` poses later; ways are (n, 3) x y yaw.
+
+    Raises:
+        InvalidInput: the ways are not two equal (n, 3) of finite numbers, or too short.
+    """
     estimate, reference = _checked(estimate, reference)
     if not 1 <= apart < len(estimate):
         raise InvalidInput(f"apart must be 1 to {len(estimate) - 1}, got {apart}")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from grape.actions.core import Outcome, PlantTask, Step
-from grape.errors import InvalidInput, did_you_mean
+from grape.errors import InvalidInput, with_suggestion
 
 SCHEMA_VERSION = 3
 FEEDER, HAND, LOST, STOCK = "feeder", "hand", "lost", "stock"
@@ -197,11 +197,8 @@ class SqliteLedger:
         places = self.dispensers()
         for place in (source, target):
             if place not in places:
-                hint = did_you_mean(place, places)
-                allowed = ", ".join(places)
-                raise InvalidInput(
-                    f"no place {place!r} for a dispenser; allowed: {allowed}{'; ' + hint if hint else ''}"
-                )
+                sentence = f"no place {place!r} for a dispenser; allowed: {', '.join(places)}"
+                raise InvalidInput(with_suggestion(sentence, place, places))
         if source == target:
             raise InvalidInput(f"a dispenser cannot move from {source} to {target}")
         if places[source] == 0:
@@ -284,7 +281,5 @@ class SqliteLedger:
     def _known(self, plant: str) -> None:
         names = [row[0] for row in self._db.execute("SELECT plant FROM plants ORDER BY position")]
         if plant not in names:
-            hint = did_you_mean(plant, names)
-            raise InvalidInput(
-                f"plant {plant!r} is not in this mission; it has {', '.join(names)}{'; ' + hint if hint else ''}"
-            )
+            sentence = f"plant {plant!r} is not in this mission; it has {', '.join(names)}"
+            raise InvalidInput(with_suggestion(sentence, plant, names))

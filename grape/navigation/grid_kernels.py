@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from grape.heap import pop, push
 from grape.messages import Array
 
 _LETHAL = 254
@@ -121,48 +122,31 @@ def search(cost: Array, start: int, goal: int, weight: float, most: int) -> Arra
     total = np.full(rows * columns, np.inf)
     parent = np.full(rows * columns, -1, dtype=np.int64)
     done = np.zeros(rows * columns, dtype=np.bool_)
-    heap_f = np.empty(8 * rows * columns + 8)
-    heap_c = np.empty(8 * rows * columns + 8, dtype=np.int64)
+    keys = np.empty(8 * rows * columns + 8)
+    cells = np.empty(8 * rows * columns + 8, dtype=np.int64)
     goal_i, goal_j = goal // columns, goal % columns
     total[start] = 0.0
-    heap_f[0], heap_c[0] = 0.0, start
+    push(keys, cells, 0, 0.0, start)
     size = 1
     diagonal = np.sqrt(2.0)
     while size > 0:
-        cell = heap_c[0]
+        cell = cells[0]
+        pop(keys, cells, size)
         size -= 1
-        f_last, c_last = heap_f[size], heap_c[size]
-        k = 0
-        while True:  # sift down
-            child = 2 * k + 1
-            if child >= size:
-                break
-            if child + 1 < size and heap_f[child + 1] < heap_f[child]:
-                child += 1
-            if heap_f[child] >= f_last:
-                break
-            heap_f[k], heap_c[k] = heap_f[child], heap_c[child]
-            k = child
-        heap_f[k], heap_c[k] = f_last, c_last
         if done[cell]:
             continue
         done[cell] = True
         if cell == goal:
-            break
+            return _way_to(goal, parent)
         i, j = cell // columns, cell % columns
         leaving = cost[i, j] > most
         for di in range(-1, 2):
             for dj in range(-1, 2):
-                if di == 0 and dj == 0:
-                    continue
                 a, b = i + di, j + dj
                 if a < 0 or b < 0 or a >= rows or b >= columns:
                     continue
-                c = cost[a, b]
-                if c >= 254 or (c > most and not leaving):
-                    continue
-                near = a * columns + b
-                if done[near]:
+                near, c = a * columns + b, cost[a, b]
+                if c >= _LETHAL or (c > most and not leaving) or done[near]:
                     continue
                 step = diagonal if di != 0 and dj != 0 else 1.0
                 g = total[cell] + step * (1.0 + weight * c / 252.0)
@@ -170,28 +154,23 @@ def search(cost: Array, start: int, goal: int, weight: float, most: int) -> Arra
                     continue
                 total[near], parent[near] = g, cell
                 x, y = abs(a - goal_i), abs(b - goal_j)
-                f = g + max(x, y) + (diagonal - 1.0) * min(x, y)
-                k = size
+                push(keys, cells, size, g + max(x, y) + (diagonal - 1.0) * min(x, y), near)
                 size += 1
-                while k > 0:  # sift up
-                    up = (k - 1) // 2
-                    if heap_f[up] <= f:
-                        break
-                    heap_f[k], heap_c[k] = heap_f[up], heap_c[up]
-                    k = up
-                heap_f[k], heap_c[k] = f, near
-    if not done[goal]:
-        return np.empty(0, dtype=np.int64)
+    return np.empty(0, dtype=np.int64)
+
+
+@njit(cache=True)
+def _way_to(goal: int, parent: Array) -> Array:
+    """The cells that lead to the goal, from the one without a parent on."""
     count, cell = 1, goal
-    while cell != start:
+    while parent[cell] >= 0:
         cell = parent[cell]
         count += 1
-    path = np.empty(count, dtype=np.int64)
-    cell = goal
+    way = np.empty(count, dtype=np.int64)
     for n in range(count - 1, -1, -1):
-        path[n] = cell
-        cell = parent[cell]
-    return path
+        way[n] = goal
+        goal = parent[goal]
+    return way
 
 
 @njit(cache=True)

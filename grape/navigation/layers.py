@@ -120,7 +120,11 @@ class FootprintLayer:
         self.pose: Array | None = None  # (3,) x y yaw in map
 
     def stand_at(self, pose: Array) -> None:
-        """The robot is at `pose` (3,) x y yaw in map."""
+        """The robot is at `pose` (3,) x y yaw in map.
+
+        Raises:
+            InvalidInput: the pose is not finite.
+        """
         pose = np.asarray(pose, dtype=float)
         if pose.shape != (3,) or not np.isfinite(pose).all():
             raise InvalidInput(f"a pose has 3 finite numbers, got {pose}")

@@ -1,4 +1,6 @@
-"""Collision monitor: slows down and stops for raw range points in the way, whatever the costmap says.
+"""How much a drive slows down for raw range points in its way, whatever the costmap says.
+
+`DriveToPose` asks it of its own commands; what holds the commands of every action is `collision_monitor`.
 
 Source: Nav2 collision monitor, "approach" model: the footprint is moved along the commanded arc.
 """

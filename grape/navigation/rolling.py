@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from grape.errors import InvalidInput, did_you_mean
+from grape.errors import InvalidInput, with_suggestion
 from grape.messages import Array
 from grape.navigation.costmap import Layer
 from grape.navigation.grid import FREE, Costmap, GridSpec
@@ -49,8 +49,8 @@ class LayeredCostmap:
             InvalidInput: there is none.
         """
         if name not in self.layers:
-            hint = did_you_mean(name, self.layers)
-            raise InvalidInput(f"no layer {name!r}; there are {', '.join(self.layers)}" + (f"; {hint}" if hint else ""))
+            sentence = f"no layer {name!r}; there are {', '.join(self.layers)}"
+            raise InvalidInput(with_suggestion(sentence, name, self.layers))
         return self.layers[name]
 
     def update(self, pose: Array) -> Costmap:

@@ -57,6 +57,9 @@ def parking_pose(
         plant: (2,) m, trunk, post or nail in map.
         direction: (2,) unit vector along the row that the robot faces; the row is on its left.
         place: whether the plant is before ("fore") or behind ("aft") the arm base.
+
+    Raises:
+        InvalidInput: `place` is neither.
     """
     options = options or RouteOptions()
     if place not in ("fore", "aft"):
@@ -140,7 +143,7 @@ def waypoints(rows: Sequence[RowLine], start: Array, goal: Array, options: Route
         if not (in_line and (faces_it or (entry_s - s0) * forward > -0.5 * margin)):
             stops.append((entry_s, t1))
     points = [s * axis + t * across for s, t in _distinct(stops, (s0, t0))]
-    return _with_yaw(start, points, goal)
+    return _with_yaw(points, goal)
 
 
 def _same_aisle(rows: Sequence[RowLine], across: Array, start: Array, goal: Array, options: RouteOptions) -> bool:
@@ -175,7 +178,7 @@ def _distinct(stops: list[tuple[float, float]], first: tuple[float, float]) -> l
     return kept
 
 
-def _with_yaw(start: Array, points: list[Array], goal: Array) -> Array:
+def _with_yaw(points: list[Array], goal: Array) -> Array:
     """Each waypoint faces the next one."""
     poses = []
     for k, point in enumerate(points):

@@ -29,7 +29,6 @@ class Situation:
     pose: Array  # (3,) x y yaw in map
     velocity: Array  # (2,) m/s, rad/s, as last commanded and answered
     ahead: Array  # (n >= 2, 5) x, y, heading of travel (rad), m along from the first one, wanted speed (m/s)
-    to_goal: bool  # whether the last pose ahead is the goal
     field: Array  # (rows, columns) float32 m to the nearest lethal cell
     frame: Array  # (3,) x_min, y_min, resolution of the field
     discs: Array  # (k + 1,) m, centres of the discs that cover the footprint, then their radius
@@ -113,7 +112,6 @@ class TrackingPlanner(PurePursuit):
             pose=np.array([pose[0], pose[1], pose[2] + turned]),
             velocity=np.array([sign * state.command[0], state.command[1] * state.turn_gain]),
             ahead=self._ahead(path, state.travelled, until, turned, pose),
-            to_goal=until >= path.length,
             field=costmap.distance,
             frame=np.array([spec.x_min, spec.y_min, spec.resolution]),
             discs=np.append(sign * centres, radius + self._margin),

@@ -50,6 +50,9 @@ def may_turn(costmap: Costmap, pose: Array, angle: float, options: TurnRoomOptio
     """Whether the base at `pose` (3,) x y yaw may turn on the spot by `angle` (rad, left positive).
 
     A part of the footprint that is on a lethal cell already forbids every turn but one by 0.
+
+    Raises:
+        InvalidInput: pose or angle is not finite.
     """
     options = options or TurnRoomOptions()
     pose = np.asarray(pose, dtype=float)

@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from grape.errors import InvalidInput, did_you_mean
+from grape.errors import InvalidInput, with_suggestion
 from grape.geometry import is_pose, pose, transform
 from grape.messages import Array, frozen_array
 from grape.perception.checks import as_intrinsics, as_region
@@ -94,8 +94,8 @@ class MarkerDetector:
     def __init__(self, dictionary: str = "4X4_50", options: MarkerOptions | None = None) -> None:
         name = dictionary.upper().removeprefix("DICT_")
         if name not in DICTIONARIES:
-            hint = did_you_mean(name, DICTIONARIES)
-            raise InvalidInput(f"unknown marker dictionary {dictionary!r}; allowed: {', '.join(DICTIONARIES)}; {hint}")
+            sentence = f"unknown marker dictionary {dictionary!r}; allowed: {', '.join(DICTIONARIES)}"
+            raise InvalidInput(with_suggestion(sentence, name, DICTIONARIES))
         self.options = options or MarkerOptions()
         parameters = cv2.aruco.DetectorParameters()
         parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX

@@ -82,7 +82,8 @@ def build_distance_field(points: Array, options: DistanceFieldOptions | None = N
 
     Raises:
         InvalidInput: `points` has another shape.
-        Source: Felzenszwalb and Huttenlocher, Distance transforms of sampled functions, 2012.
+
+    Source: Felzenszwalb and Huttenlocher, Distance transforms of sampled functions, 2012.
     """
     options = options or DistanceFieldOptions()
     points = np.asarray(points, dtype=float)

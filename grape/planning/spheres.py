@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grape.errors import InvalidInput, did_you_mean
+from grape.errors import InvalidInput, with_suggestion
 from grape.messages import Array, frozen_array
 
 
@@ -179,7 +179,7 @@ def _check(
     names = {capsule.link for capsule in capsules}
     for name in [*(n for pair in link_pairs for n in pair), *(n for box in boxes for n in box.ignore_links)]:
         if name not in names:
-            raise InvalidInput(f"unknown link {name!r}; allowed: {sorted(names)} {did_you_mean(name, names)}".rstrip())
+            raise InvalidInput(with_suggestion(f"unknown link {name!r}; allowed: {sorted(names)}", name, names))
 
 
 def _capsule_table(rows: list[Array]) -> Array:

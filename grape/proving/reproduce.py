@@ -13,7 +13,7 @@ from rich.markup import escape as plain
 from rich.table import Table
 
 from grape import __version__
-from grape.errors import InvalidInput, did_you_mean
+from grape.errors import InvalidInput, with_suggestion
 from grape.mission.page import document, none, section, table
 from grape.mission.record import write_atomic
 from grape.plugins import EXPERIMENTS, find
@@ -64,9 +64,9 @@ def experiment_of(row: str) -> Experiment:
     found = {name.lower(): plugin for name, plugin in find(EXPERIMENTS).items()}
     if row.lower() not in found:
         rows = [plugin.name for plugin in found.values()]
-        hint = did_you_mean(row.upper(), rows)
         allowed = ", ".join(sorted(rows)) or "none"
-        raise InvalidInput(f"no experiment proves a row {row!r}; there are {allowed}" + (f"; {hint}" if hint else ""))
+        sentence = f"no experiment proves a row {row!r}; there are {allowed}"
+        raise InvalidInput(with_suggestion(sentence, row.upper(), rows))
     experiment: Experiment = found[row.lower()].load()
     return experiment
 

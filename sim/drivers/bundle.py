@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import mujoco
 
 from grape.drivers import Drivers
-from grape.errors import InvalidInput, did_you_mean
+from grape.errors import InvalidInput, with_suggestion
 from grape.robots import RobotDescription
 from grape.sim.drivers.arm import ArmDriverOptions, ArmLimits, SimulatedArm
 from grape.sim.drivers.base import BaseOptions, SimulatedBase
@@ -136,9 +136,8 @@ def _check_models(models: Mapping[str, str]) -> None:
     known = (*SCANNERS, *SPINNERS)
     for name, model in models.items():
         if model not in known:
-            hint = did_you_mean(model, known)
-            allowed = ", ".join(known)
-            raise InvalidInput(f"{name}: no simulated {model!r}; there are {allowed}" + (f"; {hint}" if hint else ""))
+            sentence = f"{name}: no simulated {model!r}; there are {', '.join(known)}"
+            raise InvalidInput(with_suggestion(sentence, model, known))
 
 
 def _base_options(robot: RobotDescription) -> BaseOptions:

@@ -120,7 +120,7 @@ def grow_world(site: Site, options: VineyardOptions) -> World:
                 plates += parts.plates
                 nails.append(parts.truth)
                 continue
-            growth = _grow(plant, row, height, _reach(plant, row, posts, site), options, plants)
+            growth = _grow(plant, height, _reach(plant, row, posts, site), options, plants)
             rods, truths = _stand(growth, foot, row)
             capsules += rods
             spurs += truths
@@ -168,7 +168,6 @@ def _reach(plant: Plant, row: Row, posts: Iterable[float], site: Site) -> tuple[
 
 def _grow(
     plant: Plant,
-    row: Row,
     height: float,
     reach: tuple[float, float],
     options: VineyardOptions,

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from grape.actions.core import Actuator, Context, Feedback, InlineJobs, NoGoal, NoResult, action, condition
+from grape.actions.core import Actuator, Context, Feedback, InlineJobs, NoResult, action, condition
 from grape.errors import InvalidInput, LeaseRevoked
 
 
@@ -181,7 +181,3 @@ def test_an_inline_job_that_raises_raises_in_the_action() -> None:
     next(job)
     with pytest.raises(ValueError, match="invalid literal"):
         next(job)
-
-
-def test_goals_without_fields_exist() -> None:
-    assert NoGoal() == NoGoal()

@@ -45,7 +45,7 @@ def test_the_cloud_is_one_of_the_size_that_is_asked_for(scene: BenchScene) -> No
     assert scene.vine[:, 2].min() > 0.1
 
 
-def test_the_servo_run_of_the_bench_moves_the_camera(scene: BenchScene) -> None:
+def test_the_servo_run_of_the_bench_moves_the_camera() -> None:
     servo = _servo_near_its_end(np.eye(4))
     assert 1e-3 < np.linalg.norm(servo.twist(NOW_S, np.eye(4))[:3]) < 0.05
 

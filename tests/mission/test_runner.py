@@ -232,7 +232,7 @@ def test_the_result_has_every_field_of_the_schema(
 
 
 def test_the_same_run_twice_gives_the_same_files(
-    make_runner: Make, mission: Mission, backend: Any, robot: Any, serve: Callable[..., None], tmp_path: Path
+    make_runner: Make, mission: Mission, backend: Any, serve: Callable[..., None], tmp_path: Path
 ) -> None:
     def script(context: Context, ticks: int) -> Status | None:
         if ticks == 2:

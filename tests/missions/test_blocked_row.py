@@ -17,8 +17,6 @@ from grape.navigation.route import park_beside
 from grape.sim.worlds import VineyardOptions, vineyard_site
 from grape.site import Area, Site, save_site
 
-FRONT = 0.495  # m, base_link to the robot's nose
-
 
 def strip(id: str, x0: float, x1: float, y0: float, y1: float) -> Area:
     return Area(id=id, polygon=np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]))

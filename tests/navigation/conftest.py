@@ -14,7 +14,7 @@ from grape.messages import Array, LaserScan
 from grape.navigation.beams import beams_from_scan, scan_points
 from grape.navigation.costmap import ObstacleLayer, PolygonLayer, layered_costmap
 from grape.navigation.follower import FollowerState, Phase, PurePursuit, PursuitOptions
-from grape.navigation.grid import Costmap, Footprint, GridSpec
+from grape.navigation.grid import Footprint, GridSpec
 from grape.navigation.monitor import speed_factor
 from grape.navigation.planner import PlannerOptions, path_blocked, plan_route
 from grape.navigation.route import row_zones, waypoints
@@ -113,12 +113,6 @@ class Robot:
 
     def estimate(self) -> Array:
         return self.pose + self.error
-
-
-def build_global(yard: Vineyard, extra: tuple[Array, ...] = ()) -> tuple[Costmap, PolygonLayer]:
-    zones = PolygonLayer([*row_zones(yard.rows), *extra])
-    spec = GridSpec.around(np.vstack([line.line for line in yard.rows]), 4.0)
-    return layered_costmap(spec, [zones]), zones
 
 
 def go(

@@ -61,7 +61,7 @@ def test_slow_zone_limits_the_speed_and_not_the_factor(monitor):
     assert slow.factor == 1.0
 
 
-def test_approach_keeps_the_time_to_contact(monitor):
+def test_approach_keeps_the_time_to_contact():
     contact_s, point = time_to_touch(0.9, 0.0, cluster(1.0, 0.0), OPTIONS)
     decision = judge(CollisionMonitor([], OPTIONS), 0.9, 0.0, cluster(1.0, 0.0))
     assert contact_s == pytest.approx((1.0 - 0.615) / 0.9, abs=0.06) and point is not None

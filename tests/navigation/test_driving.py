@@ -57,7 +57,7 @@ def test_obstacle_in_the_lane_is_driven_around(vineyard, robot, drive_to):
     assert not np.any(inside)
 
 
-def test_blocked_way_stops_the_robot_before_the_obstacle(vineyard):
+def test_blocked_way_stops_the_robot_before_the_obstacle():
     costmap = layered_costmap(SPEC, [PolygonLayer([np.array([[2.0, -4.0], [2.2, -4.0], [2.2, 4.0], [2.0, 4.0]])])])
     follower, state, pose, v = PurePursuit(), FollowerState(), np.zeros(3), 0.0
     blocked = False

@@ -107,7 +107,7 @@ def test_the_gap_between_links_is_that_of_their_nearest_spheres(angle, length):
     assert valid == {True, False}
 
 
-def test_clearance_names_the_link_and_what_it_is_near_to(model, fk, field):
+def test_clearance_names_the_link_and_what_it_is_near_to(model, field):
     checker = StateChecker(model, field)
     found = {}
     rng = np.random.default_rng(5)
@@ -120,7 +120,7 @@ def test_clearance_names_the_link_and_what_it_is_near_to(model, fk, field):
     assert "mm too near to deck" in found["deck"]
 
 
-def test_free_space_is_far_from_everything(model):
+def test_free_space_is_far_from_everything():
     nearest = StateChecker(build_sphere_model(placements=placements(), capsules=CAPSULES)).nearest(np.full(6, np.pi))
     assert nearest.link == ""
     assert "nothing within" in str(nearest)
@@ -184,6 +184,7 @@ def test_a_valid_edge_is_nowhere_deeper_than_a_step(model, field, states):
     good = [q for q in states if checker.is_valid(q)]
     edges = [(a, a + 0.3 * (b - a)) for a, b in pairwise(good)]
     found = [checker.edge_valid(a, b) for a, b in edges]
+    assert 5 < sum(found) < len(found) - 5
     for (a, b), valid in zip(edges, found, strict=True):
         deep = any(
             not kernels.state_valid(a + t * (b - a), checker._arm, field.distance, 0.0, -0.01)
@@ -208,7 +209,7 @@ def test_a_held_thing_is_checked_too(model, states):
     assert any("dispenser" in (nearest.link, nearest.other) for nearest in hits)
 
 
-def test_leaving_a_place_nearer_than_the_padding_is_possible_unpadded(model, fk, states):
+def test_leaving_a_place_nearer_than_the_padding_is_possible_unpadded(fk, states):
     q = states[0]
     tip = fk(q)[6][:3, 3] + fk(q)[6][:3, :3] @ [0.0, -0.12, -0.015]
     direction = fk(q)[6][:3, :3] @ [0.0, -1.0, 0.0]

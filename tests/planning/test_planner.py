@@ -162,6 +162,7 @@ def test_plans_beside_a_vine_are_found(planner, model, vine):
     rng = np.random.default_rng(4)
     low, high = planner.bounds()
     free = [q for q in rng.uniform(low, high, (60, 6)) if checker.is_valid(q)]
+    assert len(free) >= 16
     for start, goal in zip(free[0:16:2], free[1:16:2], strict=True):
         path = planner.plan(start, [goal], checker, rng)
         assert checker.path_valid(path.waypoints)

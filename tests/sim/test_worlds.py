@@ -1,5 +1,6 @@
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -215,15 +216,13 @@ def test_a_world_grows_on_a_surveyed_site(tmp_path):
     assert len(world.nails) == 2 and len({s.plant for s in world.spurs}) == 8
 
 
-def test_vines_of_a_turned_row_spread_along_it(tmp_path):
-    from dataclasses import replace
-
+def test_vines_of_a_turned_row_spread_along_it():
     site = vineyard_site(VineyardOptions(rows=1, vines_per_row=4, nails_per_row=0))
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     rows = tuple(replace(r, line=r.line @ turn.T) for r in site.rows)
     plants = tuple(replace(p, position=turn @ p.position) for p in site.plants)
     world = grow_world(replace(site, rows=rows, plants=plants), VineyardOptions(weeds=0.0))
-    arms = np.array([c.p1 - plants[0].position[0] * 0 for c in world.capsules if c.label is Label.ARM])
+    arms = np.array([c.p1 for c in world.capsules if c.label is Label.ARM])
     assert np.ptp(arms[:, 0]) < 0.3 and np.ptp(arms[:, 1]) > 3.0
 
 
@@ -247,8 +246,8 @@ def test_the_physics_ground_is_the_worlds_ground(world):
     geom = np.zeros(1, dtype=np.int32)
     for xy in np.random.default_rng(0).uniform([-4, -3], [12, -0.8], (20, 2)):
         distance = mujoco.mj_ray(model, data, np.array([*xy, 3.0]), np.array([0.0, 0.0, -1.0]), None, 1, -1, geom)
-        if model.geom(int(geom[0])).name == "ground":
-            assert 3.0 - distance == pytest.approx(float(world.terrain.height(xy)), abs=0.01)
+        assert model.geom(int(geom[0])).name == "ground"
+        assert 3.0 - distance == pytest.approx(float(world.terrain.height(xy)), abs=0.01)
 
 
 def places(model) -> dict:

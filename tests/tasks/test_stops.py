@@ -55,7 +55,7 @@ def test_more_of_the_usual_spurs_are_reached_than_from_before_or_behind_the_vine
         assert reached(robot_models, stop, spurs) > reached(robot_models, Stop(ahead_m=ahead, beside_m=0.62), spurs)
 
 
-def test_a_dispenser_in_the_hand_has_room_in_the_sweep_of_a_scan(robot_models: Any, bench: Bench) -> None:
+def test_a_dispenser_in_the_hand_has_room_in_the_sweep_of_a_scan(bench: Bench) -> None:
     for stop in (Stop(ahead_m=0.0, beside_m=least) for least in VINE_STOPS.beside_m):
         row_y = DESCRIPTION.base.half_width + stop.beside_m - 0.015  # parked a little too near
         path = sweep_path(ScanVineGoal(plant="v0"), DESCRIPTION.arm.T_base_link_arm_base, row_y)

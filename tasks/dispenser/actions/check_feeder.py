@@ -64,7 +64,7 @@ def _agreed_level(goal: CheckFeederGoal, ctx: Context) -> Generator[Feedback, No
     while True:
         image = yield from next_image(ctx, stamp, status="looking for dispensers")
         stamp = image.stamp
-        top = _look(image, ctx, geometry, detector)
+        top = _look(image, geometry, detector)
         if top.level is not None:
             seen[top.level] += 1
             if seen[top.level] >= goal.frames:
@@ -81,7 +81,7 @@ def _agreed_level(goal: CheckFeederGoal, ctx: Context) -> Generator[Feedback, No
             raise ActionFailed(Reason.FEATURE_LOST, f"no level is sure after {frames} frames, {dict(seen)}: {last}")
 
 
-def _look(image: RgbdImage, ctx: Context, geometry: FeederGeometry, detector: MarkerDetector) -> FeederTop:
+def _look(image: RgbdImage, geometry: FeederGeometry, detector: MarkerDetector) -> FeederTop:
     try:
         board = board_pose(detector.detect(image.bgr), geometry.T_feeder_marker, geometry.marker_side_m, image.info.K)
     except InvalidInput as error:

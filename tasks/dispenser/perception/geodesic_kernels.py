@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from grape.heap import pop, push
+
 
 @njit(cache=True)
 def both_ways(index, distance):  # type: ignore[no-untyped-def]
@@ -63,32 +65,6 @@ def parts(start, other, group):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _push(heap_key, heap_node, size, key, node):  # type: ignore[no-untyped-def]
-    at = size
-    while at > 0 and heap_key[(at - 1) // 2] > key:
-        heap_key[at], heap_node[at] = heap_key[(at - 1) // 2], heap_node[(at - 1) // 2]
-        at = (at - 1) // 2
-    heap_key[at], heap_node[at] = key, node
-
-
-@njit(cache=True)
-def _pop(heap_key, heap_node, size):  # type: ignore[no-untyped-def]
-    """Takes the first of `size` entries away."""
-    key, node, at = heap_key[size - 1], heap_node[size - 1], 0
-    while True:
-        child = 2 * at + 1
-        if child >= size - 1:
-            break
-        if child + 1 < size - 1 and heap_key[child + 1] < heap_key[child]:
-            child += 1
-        if heap_key[child] >= key:
-            break
-        heap_key[at], heap_node[at] = heap_key[child], heap_node[child]
-        at = child
-    heap_key[at], heap_node[at] = key, node
-
-
-@njit(cache=True)
 def distance_from(roots, start, other, length):  # type: ignore[no-untyped-def]
     """(n,) m along the edges to the nearest root, infinite where none leads (Dijkstra with stale heap entries)."""
     n = len(start) - 1
@@ -97,11 +73,11 @@ def distance_from(roots, start, other, length):  # type: ignore[no-untyped-def]
     size = 0
     for root in roots:
         distance[root] = 0.0
-        _push(heap_key, heap_node, size, 0.0, root)
+        push(heap_key, heap_node, size, 0.0, root)
         size += 1
     while size > 0:
         key, i = heap_key[0], heap_node[0]
-        _pop(heap_key, heap_node, size)
+        pop(heap_key, heap_node, size)
         size -= 1
         if key > distance[i]:
             continue
@@ -109,7 +85,7 @@ def distance_from(roots, start, other, length):  # type: ignore[no-untyped-def]
             through = key + length[e]
             if through < distance[other[e]]:
                 distance[other[e]] = through
-                _push(heap_key, heap_node, size, through, other[e])
+                push(heap_key, heap_node, size, through, other[e])
                 size += 1
     return distance
 

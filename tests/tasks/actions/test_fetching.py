@@ -54,7 +54,7 @@ def test_an_empty_feeder_is_remembered(bench: Bench, task: SimpleNamespace) -> N
     assert again.reason is Reason.FEEDER_EMPTY and bench.arm.sent == sent, "it does not look a second time"
 
 
-def test_a_feeder_without_markers_in_view_is_unclear_not_empty(bench: Bench, task: SimpleNamespace) -> None:
+def test_a_feeder_without_markers_in_view_is_unclear_not_empty(bench: Bench) -> None:
     failure = bench.failure(check_feeder(QUICK, bench.ctx))
     assert failure.reason is Reason.FEATURE_LOST
     assert not bench.world.committed.get(FEEDER_EMPTY) and bench.ledger.account()["left"] == 8

@@ -152,7 +152,7 @@ def test_spurs_of_a_scanned_vine_become_reachable_targets(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("holding", [False, True])
-def test_a_held_dispenser_is_no_wood(bench: Bench, holding: bool) -> None:
+def test_a_held_dispenser_is_no_wood(holding: bool) -> None:
     T_hand_camera = DESCRIPTION.mounts["camera_optical"].T_parent_sensor
     end_of_loop, wood = np.array([0.01, -0.15, -0.27]), np.array([0.05, -0.05, -0.60])
     depth = np.zeros((INFO.height, INFO.width), np.float32)
@@ -170,7 +170,7 @@ def test_a_held_dispenser_is_no_wood(bench: Bench, holding: bool) -> None:
     assert (np.linalg.norm(points - end_of_loop, axis=1).min() > 0.1) == holding
 
 
-def test_lidar_fills_in_beside_the_frames_and_is_enough_alone(bench: Bench) -> None:
+def test_lidar_fills_in_beside_the_frames_and_is_enough_alone() -> None:
     sweep, tips = swept_spurs()
     nothing = VineScan(sweep=sweep, images=(), T_base_camera=(), T_hand_camera=np.eye(4))
     box = vine_box(FindDeploymentPointsGoal(plant="v0", scan=nothing), np.array([0.5, 0.955]), 0.132)
