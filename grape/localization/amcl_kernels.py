@@ -109,10 +109,10 @@ def bins_of(poses: Array, bin_size: Array) -> Array:
 @njit(cache=True)
 def slot_of(table: Array, number: int) -> int:
     """Where a bin is in the table, or where it belongs if it is not there yet."""
-    slot = int((np.uint64(number) * SPREAD) >> np.uint64(40)) & (table.size - 1)
+    slot = np.int64((np.uint64(number) * SPREAD) >> np.uint64(40)) & (table.size - 1)
     while table[slot] != -1 and table[slot] != number:
         slot = (slot + 1) & (table.size - 1)
-    return slot
+    return int(slot)
 
 
 @njit(cache=True, fastmath=True)
