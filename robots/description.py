@@ -164,7 +164,11 @@ class FeederDescription(_Frozen):
 
 @dataclass(frozen=True, kw_only=True)
 class RobotDescription:
-    """A robot as data; `mjcf` is the one source of its body, `bodies` tell how collision shapes are found in it."""
+    """A robot as data; `mjcf` is the one source of its body.
+
+    `drivers` names those of the real machine: from what a mission file calls them (not `simulated`) to
+    `package.module:connect` of `connect(description, clock)`, a context manager that gives `grape.drivers.Drivers`.
+    """
 
     name: str
     mjcf: Path
@@ -173,7 +177,7 @@ class RobotDescription:
     gripper: GripperDescription
     feeder: FeederDescription
     mounts: Mapping[str, Mount]
-    drivers: Mapping[str, str]
+    drivers: Mapping[str, str] = field(default_factory=dict)
     collision_group: int = 3  # geom group of the shapes that planners use
     frames: Mapping[str, str] = field(default_factory=dict)  # other named frames -> what they are
 
