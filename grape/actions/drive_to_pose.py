@@ -175,6 +175,7 @@ class _Drive:
         if not self._senses.fresh(now):
             self._command = (0.0, 0.0)
             self._state = replace(self._state, command=self._command)
+            self._progress.pause(now)
             base.send(*self._command)
             return
         self._senses.update()
@@ -300,8 +301,6 @@ class _Drive:
 
 
 def _follower(goal: DriveGoal, footprint: Footprint, fences: Costmap) -> LocalPlanner:
-    """The local planner that a goal names; all but the pure pursuit turn only where there is room."""
+    """The local planner that a goal names; it turns only where there is room."""
     planner: LocalPlanner = load(LOCAL_PLANNERS, goal.planner)(PursuitOptions(speed=goal.speed, footprint=footprint))
-    if goal.planner == PURE_PURSUIT:
-        return planner
     return RoomToTurn(planner, TurnRoomOptions(footprint=footprint), fences)

@@ -37,6 +37,8 @@ class EstimatorOptions:
         datum: WGS84 origin of the map frame.
         ready_position_std: m, larger of x and y.
         ready_yaw_std: rad.
+        again: share of both below which an estimate that was not ready is so again. At one limit for both, a base that
+            a float solution holds right there would start and stop with each fix.
         doubt_after: after so many refused RTK fixes in a row the estimate is not ready: better stand than drive by it.
         relocate_after: after so many the filter gives up its position.
         still_way: m of the wheels since a fix was accepted, up to which the base still stands there. A fix that says
@@ -51,6 +53,7 @@ class EstimatorOptions:
     filter: EkfOptions = field(default_factory=EkfOptions)
     ready_position_std: float = 0.10
     ready_yaw_std: float = 0.05
+    again: float = 0.8
     doubt_after: int = 2
     relocate_after: int = 8
     still_way: float = 0.05
@@ -70,6 +73,7 @@ class PoseEstimator:
         self._ekf: Ekf | None = None
         self._wheels: JointState | None = None
         self._imu: Imu | None = None
+        self._ready = False
         self._refused_fixes = 0.0
         self._way = 0.0  # m that the wheels have turned since a fix was accepted
 
@@ -81,7 +85,7 @@ class PoseEstimator:
     @property
     def ready(self) -> bool:
         """Whether the pose is known well enough to drive by."""
-        return self._ekf is not None and self._is_believed(self._ekf.belief.covariance)
+        return self._ready
 
     def ready_at(self, stamp: float) -> bool:
         """Whether the pose extrapolated to `stamp` is known well enough; false after a long silence."""
@@ -99,6 +103,7 @@ class PoseEstimator:
         messages: list[JointState | Imu | NavSatFix] = [*wheels, *imu, *gnss]
         for message in sorted(messages, key=lambda m: m.stamp):
             self._take(message)
+        self._judge()
         return self.odometry(stamp)
 
     def odometry(self, stamp: float) -> Odometry:
@@ -130,6 +135,7 @@ class PoseEstimator:
         self.verdicts[measurement.source, correction.verdict] += 1
         if correction.accepted:
             self._refused_fixes = 0.0
+        self._judge()
         return correction
 
     def _take(self, message: JointState | Imu | NavSatFix) -> None:
@@ -192,12 +198,16 @@ class PoseEstimator:
             self._ekf.widen(np.array([0, 1, 2]), 1.0)
             self._refused_fixes = 0
 
+    def _judge(self) -> None:
+        self._ready = self._ekf is not None and self._is_believed(self._ekf.belief.covariance)
+
     def _is_believed(self, covariance: Array) -> bool:
         if self._refused_fixes >= self.options.doubt_after:
             return False
         position_std = float(np.sqrt(max(covariance[0, 0], covariance[1, 1])))
         yaw_std = float(np.sqrt(covariance[5, 5]))
-        return position_std <= self.options.ready_position_std and yaw_std <= self.options.ready_yaw_std
+        limits = np.array([self.options.ready_position_std, self.options.ready_yaw_std])
+        return bool((np.array([position_std, yaw_std]) <= (1.0 if self._ready else self.options.again) * limits).all())
 
 
 def _unknown(stamp: float) -> Odometry:

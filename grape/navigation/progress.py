@@ -38,13 +38,20 @@ class ProgressChecker:
     free_s: float = field(init=False)
     _nearest: float = field(init=False, default=np.inf)
     _nearer_s: float = field(init=False)
+    _told_s: float = field(init=False)
 
     def __post_init__(self) -> None:
-        self.free_s = self._nearer_s = self.begun_s
+        self.free_s = self._nearer_s = self._told_s = self.begun_s
 
     def restart(self, now: float) -> None:
         """Begin with another path."""
-        self._nearest, self._nearer_s = np.inf, now
+        self._nearest, self._nearer_s, self._told_s = np.inf, now, now
+
+    def pause(self, now: float) -> None:
+        """The base was told to stand since the last word: that time counts for nothing."""
+        self.free_s += now - self._told_s
+        self._nearer_s += now - self._told_s
+        self._told_s = now
 
     def update(self, now: float, left: float, *, blocked: bool, excused: bool) -> None:
         """Take note of the way left (m); `excused` is a manoeuvre that need not come nearer."""
@@ -52,6 +59,7 @@ class ProgressChecker:
             self._nearest, self._nearer_s = left, now
         if not blocked:
             self.free_s = now
+        self._told_s = now
 
     def blocked_for(self, now: float) -> float:
         """Seconds since the way was free."""

@@ -166,6 +166,28 @@ def test_robot_stands_while_good_fixes_are_refused(drive, datum, fix, turned, do
     assert ready[-1], "where fixes stay elsewhere, they win"
 
 
+def test_a_robot_that_a_float_solution_holds_at_the_limit_does_not_start_and_stop(drive, datum, fix):
+    """It drives a little whenever it is ready, as a mission does."""
+    ride, level = drive(12, 1.0, slope=0.0), rotation_from_rpy(0, 0, 0)
+
+    def changes(again: float) -> int:
+        estimator, ready, travelled = PoseEstimator(EstimatorOptions(datum=datum, again=again)), [], 0.0
+        for k in range(3500):
+            stamp = 1.0 + 0.02 * k
+            travelled += 0.01 if k > 250 and estimator.ready else 0.0
+            angle = ride.wheels[0].position + travelled / 0.165
+            imu, wheels = replace(ride.imu[0], stamp=stamp), replace(ride.wheels[0], stamp=stamp, position=angle)
+            status, std = ("fix", 0.015) if k < 500 or k > 2800 else ("float", 0.2)
+            here = fix(stamp, np.array([travelled, 0.0, 0.0]), level, np.zeros(3), status, std)
+            estimator.advance(stamp, wheels=(wheels,), imu=(imu,), gnss=(here,) if k % 50 == 0 else ())
+            ready.append(estimator.ready)
+        assert ready[400] and not all(ready[600:2800]) and ready[-1]
+        return int(np.count_nonzero(np.diff(ready[400:])))
+
+    assert changes(0.8) == 2, "it stands until the solution is fixed"
+    assert changes(1.0) > 10
+
+
 def test_a_pose_of_another_source_holds_the_estimate_and_clears_the_doubt(drive, datum):
     ride = drive(7, 60.0, true_track=0.8)
     estimator = PoseEstimator(EstimatorOptions(datum=datum))

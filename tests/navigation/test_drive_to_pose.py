@@ -225,6 +225,18 @@ def test_robot_that_is_not_localized_does_not_drive(setting):
     assert machine.pose[0] == -3.0
 
 
+def test_robot_that_stood_for_want_of_a_pose_is_not_stuck(setting):
+    machine, ctx = setting()
+
+    def lose(now: float) -> None:
+        machine.localized = not (3.0 < now % 20.0 < 17.0)
+        if not ctx.world.localized:
+            assert machine.v == 0.0
+
+    result, _ = drive(machine, ctx, DriveGoal(x=2.0, y=-0.835, yaw=0.0), lose)
+    assert abs(result.along_m) < 0.05 and machine.time_s > 17.0
+
+
 def test_laser_that_falls_silent_stops_the_base_and_ends_the_drive(setting):
     machine, ctx = setting()
 

@@ -48,3 +48,16 @@ def test_who_is_blocked_waits_and_then_gives_up():
     assert progress.given_up(13.2)
     progress.update(13.3, 4.9, blocked=False, excused=False)
     assert progress.blocked_for(13.3) == 0.0
+
+
+def test_time_in_which_the_base_had_to_stand_does_not_count():
+    progress = checker()
+    drive(progress, 12.0, lambda t: 5.0)
+    progress.pause(40.0)
+    drive(progress, 42.0, lambda t: 5.0, begin=40.0)
+    assert not progress.stuck(42.0)
+    drive(progress, 44.0, lambda t: 5.0, begin=42.0)
+    assert progress.stuck(44.0), "four seconds before the pause and four behind it"
+    drive(progress, 46.0, lambda t: 5.0, begin=44.0, blocked=True)
+    progress.pause(60.0)
+    assert progress.blocked_for(60.0) < 2.1
