@@ -7,13 +7,17 @@ from collections import deque
 
 import numpy as np
 
-from grape.errors import GrapeError, InvalidInput
+from grape.errors import GrapeError, InvalidInput, StaleData
 from grape.geometry import interpolate, inverse, is_pose
 from grape.messages import Array, frozen_array
 
 
 class FrameError(GrapeError):
     """A transform that the tree cannot give: unknown frame, no connection, or a time that it does not cover."""
+
+
+class StaleFrame(FrameError, StaleData):
+    """A moving frame was not told of near the time that is asked for."""
 
 
 class FrameTree:
@@ -54,7 +58,8 @@ class FrameTree:
         """`T_target_source`, the pose of `source` in `target`, at `stamp` (None: the newest of every edge).
 
         Raises:
-            FrameError: unknown or unconnected frames, or a stamp outside the buffered history.
+            FrameError: unknown or unconnected frames.
+            StaleFrame: a stamp outside the buffered history.
         """
         up_target, up_source = self._ancestors(target), self._ancestors(source)
         common = next((frame for frame in up_target if frame in up_source), None)
@@ -99,7 +104,7 @@ class FrameTree:
         if stamp is None:
             return poses[-1]
         if not stamps[0] - self._extrapolate_s <= stamp <= stamps[-1] + self._extrapolate_s:
-            raise FrameError(f"{child!r} at {stamp:.3f} s: only {stamps[0]:.3f} to {stamps[-1]:.3f} s are known")
+            raise StaleFrame(f"{child!r} at {stamp:.3f} s: only {stamps[0]:.3f} to {stamps[-1]:.3f} s are known")
         k = bisect_left(stamps, stamp)
         if k == 0:
             return poses[0]

@@ -46,7 +46,7 @@ class World:
     odometry: Odometry | None = None  # estimate of base_link in map
     localized: bool = False  # whether that estimate is good enough to drive by
     estimates: dict[str, Array] = field(default_factory=dict)  # by source: others, (3,) x y yaw in map, to look at
-    arm: JointState | None = None  # joint angles less `encoder_offsets`
+    arm: JointState | None = None  # joint angles less `encoder_offsets`; None: not told, or not any more
     encoder_offsets: Array | None = None  # (n,) rad by which the arm's encoders tell too much; None: not calibrated
     gripper: GripperState | None = None
     driving: Driving | None = None  # while the base drives
@@ -73,8 +73,8 @@ class World:
         """Measured joint angles of the arm, (n,) rad, as far as its encoders are calibrated.
 
         Raises:
-            StaleData: the arm has not reported yet.
+            StaleData: the arm has not reported its joints yet, or has stopped doing so.
         """
         if self.arm is None:
-            raise StaleData("the arm has not reported its joints yet")
+            raise StaleData("the arm does not report its joints")
         return self.arm.position

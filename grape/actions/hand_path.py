@@ -16,7 +16,13 @@ from grape.messages import Array
 
 BEAT_S = 0.01
 SLOWEST = 4.0  # times its duration a path may take
+FINGERS_BEHIND_MAX = 0.2  # rad, that fingers which move along may be behind
+FINGERS_AGE_MAX_S = 0.2
 JOINT_OFFSETS = "joint_offsets"  # in world.committed: (n,) rad by which the encoders tell too much, where one looked
+
+
+class FingersStuck(ActionFailed):
+    """Fingers that were to move along with the hand do not: where the hand goes to is meant for others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -97,6 +103,7 @@ def follow_hand_path(
 
     Raises:
         ActionFailed: TRACKING_ERROR when the hand falls behind by more than the tolerance, or cannot go on.
+        FingersStuck: the fingers fall behind, by what they tell; fingers that tell nothing are believed.
     """
     options = options or HandPathOptions()
     solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.velocity_max)
@@ -119,6 +126,7 @@ def follow_hand_path(
         scale = command.scale
         arm.send(command.velocity)
         if gripper is not None and fingers_at is not None:
+            _check_fingers(ctx, fingers_at(t), fingers_at(0.0) != fingers_at(duration_s), status)
             gripper.send(fingers_at(min(t + BEAT_S, duration_s)))
         if t >= duration_s and now - arrived >= options.settle_s:
             return error
@@ -132,3 +140,12 @@ def _check_tracking(error: Array, options: HandPathOptions, status: str) -> None
             Reason.TRACKING_ERROR,
             f"{status}: the hand is {distance * 1e3:.0f} mm and {np.degrees(angle):.0f} deg off its path",
         )
+
+
+def _check_fingers(ctx: Context, wanted: Array, moving: Array, status: str) -> None:
+    told = ctx.world.gripper
+    if told is None or ctx.clock.now() - told.stamp > FINGERS_AGE_MAX_S:
+        return
+    behind = float(np.abs(wanted - told.position)[moving].max(initial=0.0))
+    if behind > FINGERS_BEHIND_MAX:
+        raise FingersStuck(Reason.TRACKING_ERROR, f"{status}: the fingers are {behind:.2f} rad behind")

@@ -19,6 +19,8 @@ from grape.planning import Ball, CheckerOptions, StateChecker, StaticBox
 from grape.trajectory import TimingOptions, Trajectory, time_path
 
 TIMING = TimingOptions(speed=0.95, acceleration=0.8)
+PATIENCE_S = 2.0  # with an arm that tells no joint angles
+SETTLE_S = 3.0  # after the end of a trajectory, for the joints to come to it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +41,20 @@ def move_arm_to_named(goal: MoveArmToNamedGoal, ctx: Context) -> Generator[Feedb
             ctx, arm, (poses[goal.pose],), status=f"moving to the {goal.pose} pose", absolute=True
         )
     return NoResult()
+
+
+def known_joints(ctx: Context) -> Generator[Feedback, None, Array]:
+    """Joint angles (n,) rad of an arm that is to be moved; waits a moment when it has stopped to tell them.
+
+    Raises:
+        ActionFailed: STALE_DATA.
+    """
+    begin = ctx.clock.now()
+    while ctx.world.arm is None:
+        if ctx.clock.now() - begin > PATIENCE_S:
+            raise ActionFailed(Reason.STALE_DATA, f"the arm has told no joint angles for {PATIENCE_S:.0f} s")
+        yield Feedback(status="waiting for the arm's joints")
+    return ctx.world.joints()
 
 
 def move_to_pose(
@@ -65,8 +81,9 @@ def move_to_pose(
         Index in `line` of the pose that was moved to.
 
     Raises:
-        ActionFailed: UNREACHABLE, IN_COLLISION, NO_PLAN, CABLE_BUDGET or TRACKING_ERROR.
+        ActionFailed: UNREACHABLE, IN_COLLISION, NO_PLAN, CABLE_BUDGET, TRACKING_ERROR or STALE_DATA.
     """
+    yield from known_joints(ctx)
     enter = (tuple(touch), tuple(touch_boxes))
     candidates = yield from ctx.jobs.run(find_postures, ctx, tuple(line), *enter)
     ends = {0: candidates}
@@ -165,10 +182,10 @@ def move_to_joints(
         Index of the goal that was reached.
 
     Raises:
-        ActionFailed: IN_COLLISION, NO_PLAN, CABLE_BUDGET or TRACKING_ERROR.
+        ActionFailed: IN_COLLISION, NO_PLAN, CABLE_BUDGET, TRACKING_ERROR or STALE_DATA.
     """
     limits = ctx.robot.description.arm
-    start = ctx.world.joints()
+    start = yield from known_joints(ctx)
     if len(goals) == 1 and np.abs(goals[0] - start).max() < 0.01:
         return 0
     checker = checker_for(ctx)
@@ -197,16 +214,17 @@ def follow(ctx: Context, arm: ArmDriver, trajectory: Trajectory, *, status: str)
     gain, tolerance = 5.0, 0.12
     begin = ctx.clock.now()
     while True:
-        t = min(ctx.clock.now() - begin, trajectory.duration)
+        elapsed = ctx.clock.now() - begin
+        t = min(elapsed, trajectory.duration)
         q = ctx.world.joints()
         reference = trajectory.sample(t)
         error = reference.position - q
         worst = int(np.abs(error).argmax())
-        if abs(error[worst]) > tolerance:
+        if abs(error[worst]) > tolerance or elapsed > trajectory.duration + SETTLE_S:
             raise ActionFailed(
                 Reason.TRACKING_ERROR, f"{status}: joint {worst + 1} is {error[worst]:.2f} rad behind its trajectory"
             )
-        if ctx.clock.now() - begin >= trajectory.duration + 0.1 and abs(error[worst]) < 0.01:
+        if elapsed >= trajectory.duration + 0.1 and abs(error[worst]) < 0.01:
             return
         arm.send(reference.velocity + gain * error)
         yield Feedback(status=status, progress=trajectory.progress(t))

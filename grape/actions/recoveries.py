@@ -22,6 +22,7 @@ from grape.trajectory.online import VelocityLimiter
 
 ACCELERATION = np.array([0.5, 1.0])  # m/s^2, rad/s^2
 HELD_BACK_S = 3.0  # without any motion
+STUCK_S = 10.0  # with motion that is sent and does not come about
 LOOK_AHEAD_M = 0.2
 RADII = np.array([np.inf, 1.0, -1.0, 0.6, -0.6])  # m, of the ways out of a fence; the first is straight
 BEYOND_S = 0.5  # more than a way out should take, before it is taken twice
@@ -165,14 +166,15 @@ def _move(
     """Keeps a velocity (2,) m/s, rad/s, smoothly begun and ended, until `done()` comes to `wanted`.
 
     Raises:
-        ActionFailed: BLOCKED, when the ground ahead is occupied or the base's guard lets nothing through for a while;
-            STALE_DATA or NOT_LOCALIZED.
+        ActionFailed: BLOCKED, when the ground ahead is occupied, or for a while the base's guard lets nothing through
+            or the base does not get on; STALE_DATA or NOT_LOCALIZED.
     """
     senses = BaseSenses(ctx, base_pose(ctx)[None])
     limits = ctx.robot.description.base
     limiter = VelocityLimiter(np.array([limits.max_linear, limits.max_angular]), ACCELERATION)
     speed, acceleration = np.abs(velocity).max(), ACCELERATION[int(np.abs(velocity).argmax())]
-    moved_s = ctx.clock.now()
+    moved_s = gained_s = ctx.clock.now()
+    least = wanted
     with ctx.base.lease(owner) as base:
         while (left := wanted - done()) > 1e-3:
             now = ctx.clock.now()
@@ -190,6 +192,13 @@ def _move(
                 limiter.reset()
             if now - moved_s > HELD_BACK_S:
                 raise ActionFailed(Reason.BLOCKED, f"the base is held back, {left:.2f} short of {wanted:.2f}")
+            if not fresh or left < least - 0.05 * speed:
+                least, gained_s = left, now
+            if now - gained_s > STUCK_S:
+                detail = (
+                    f"no progress for {STUCK_S:.0f} s, {left:.2f} short of {wanted:.2f}: wheels slip or something holds"
+                )
+                raise ActionFailed(Reason.BLOCKED, detail)
             yield Feedback(status=f"{left:.2f} left", progress=float(min(1.0, max(0.0, 1.0 - left / wanted))))
 
 

@@ -262,13 +262,15 @@ class Runner:
     def _stop(self, tree: Tree | None, finding: Finding) -> None:
         """Halt every action, stop every actuator, and let the machine come to rest."""
         try:
-            if tree is not None:
-                tree.halt()
-            self._backend.drivers.stop_all()
-            for _ in range(round(STOPPING_S / BEAT_S)):
-                self._backend.advance()
-                if self._referee is not None:
-                    self._referee.observe()
+            try:
+                if tree is not None:
+                    tree.halt()
+            finally:  # also when an action cannot be halted
+                self._backend.drivers.stop_all()
+                for _ in range(round(STOPPING_S / BEAT_S)):
+                    self._backend.advance()
+                    if self._referee is not None:
+                        self._referee.observe()
         except Exception as error:  # a machine that cannot be stopped by its drivers is beyond us: say so
             finding.detail = f"{finding.detail} stopping failed: {type(error).__name__}: {error}".strip()
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 from typing import Any
 
+import numpy as np
+
 from grape.drivers import Drivers
 from grape.errors import StaleData
 from grape.localization import EstimatorOptions, GnssConfig, ImuConfig, PoseEstimator, WheelConfig
@@ -12,6 +14,8 @@ from grape.mission.laser_place import LaserPlace
 from grape.world import World
 
 _BEFORE_ALL = -1.0
+ARM_AGE_MAX_S = 0.1  # of joint angles that the arm is moved by
+SILENCE_MAX_S = 0.1  # of wheels, IMU and GNSS together: the estimate is not carried on for longer, and grows old
 
 
 class Sensing:
@@ -41,7 +45,7 @@ class Sensing:
     def update(self, now: float) -> None:
         """Take in what came since the last beat; `now` is the clock's time."""
         self._localize(now)
-        self._read_arm()
+        self._read_arm(now)
         with contextlib.suppress(StaleData):
             self._world.gripper = self._drivers.gripper.latest()
 
@@ -51,7 +55,8 @@ class Sensing:
         imu = self._since("imu", drivers.imu)
         gnss = self._since("gnss", drivers.gnss)
         odometry = self._estimator.advance(now, wheels=wheels, imu=imu, gnss=gnss)
-        if not self._estimator.initialized:
+        heard = max(self._newest[name] for name in ("wheels", "imu", "gnss"))
+        if not self._estimator.initialized or now - heard > SILENCE_MAX_S:
             return
         world.odometry = odometry
         world.localized = self._estimator.ready
@@ -67,13 +72,16 @@ class Sensing:
             self._newest[name] = messages[-1].stamp
         return messages
 
-    def _read_arm(self) -> None:
-        try:
-            arm = self._drivers.arm.latest()
-        except StaleData:
-            return
-        arm = self._world.take_arm(arm)
-        if arm.stamp <= self._newest["arm"]:
+    def _read_arm(self, now: float) -> None:
+        world = self._world
+        with contextlib.suppress(StaleData):
+            told = self._drivers.arm.latest()
+            if np.isfinite(told.position).all():
+                world.take_arm(told)
+        arm = world.arm
+        if arm is not None and now - arm.stamp > ARM_AGE_MAX_S:
+            arm = world.arm = None
+        if arm is None or arm.stamp <= self._newest["arm"]:
             return
         self._newest["arm"] = arm.stamp
         description = self._robot.description.arm

@@ -7,11 +7,18 @@ import pytest
 from paper_robot import Bench
 
 from grape.actions.hand_path import follow_hand_path, smooth_step, straight
-from grape.actions.move_arm import MoveArmToNamedGoal, checker_for, move_arm_to_named, move_to_pose
+from grape.actions.move_arm import (
+    PATIENCE_S,
+    MoveArmToNamedGoal,
+    checker_for,
+    move_arm_to_named,
+    move_to_joints,
+    move_to_pose,
+)
 from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
 from grape.actions.retract import RetractGoal, retract
 from grape.actions.unwind import UnwindGoal, unwind
-from grape.errors import GoalRejected, Reason
+from grape.errors import GoalRejected, Reason, StaleData
 from grape.geometry import pose, pose_error, rotation_x, transform
 from grape.planning import StaticBox
 from grape.robots.husky_jaco2 import DESCRIPTION
@@ -147,6 +154,58 @@ def test_arm_that_does_not_move_is_noticed_and_stopped(bench: Bench) -> None:
     bench.arm.stuck = True
     failure = bench.failure(move_arm_to_named(MoveArmToNamedGoal(pose="home"), bench.ctx))
     assert failure.reason is Reason.TRACKING_ERROR and "rad behind" in failure.detail
+    held(bench)
+
+
+def test_arm_that_stops_short_of_its_goal_is_given_up(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    advance, goal = bench.arm.advance, POSES["travel"] + [0.3, 0.0, 0.0, 0.0, 0.0, 0.0]
+
+    def jam(now: float, dt: float) -> None:
+        bench.arm.stuck = abs(goal[0] - bench.arm.q[0]) < 0.05
+        advance(now, dt)
+
+    monkeypatch.setattr(bench.arm, "advance", jam)
+
+    def go():
+        with bench.ctx.arm.lease("test") as arm:
+            yield from move_to_joints(bench.ctx, arm, (goal,), status="moving")
+
+    failure = bench.failure(go(), limit_s=10.0)
+    assert failure.reason is Reason.TRACKING_ERROR
+    held(bench)
+
+
+@pytest.mark.parametrize("silent_s", [0.5, 9.0])
+def test_an_arm_without_joint_angles_is_waited_for_and_not_moved(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, silent_s: float
+) -> None:
+    begin, sense = bench.now(), bench._sense
+
+    def deaf() -> None:
+        sense()
+        if bench.now() - begin < silent_s:
+            bench.world.arm = None
+
+    monkeypatch.setattr(bench, "_sense", deaf)
+    bench.advance()
+    run = move_arm_to_named(MoveArmToNamedGoal(pose="home"), bench.ctx)
+    if silent_s < PATIENCE_S:
+        bench.run(run)
+        assert np.abs(bench.arm.q - POSES["home"]).max() < 0.01
+    else:
+        assert bench.failure(run).reason is Reason.STALE_DATA
+        assert bench.arm.sent == 0 and bench.now() - begin < PATIENCE_S + 0.1
+    held(bench)
+
+
+def test_joint_angles_that_stop_in_a_motion_end_it(bench: Bench) -> None:
+    run = move_arm_to_named(MoveArmToNamedGoal(pose="home"), bench.ctx)
+    for _ in range(50):
+        next(run)
+        bench.advance()
+    bench.world.arm = None
+    with pytest.raises(StaleData):
+        next(run)
     held(bench)
 
 

@@ -175,6 +175,26 @@ def test_a_backend_that_breaks_while_stopping_still_gets_a_folder(
     assert "stopping failed: RuntimeError: physics has diverged" in result["detail"]
 
 
+def test_a_tree_that_cannot_be_halted_still_leaves_a_robot_that_stands(make_runner: Make, backend: Any) -> None:
+    runner, _ = make_runner(end_at(1000), cancelled=lambda: backend.beats >= 5)
+    make_tree = runner._make_tree
+
+    def stubborn(context: Context) -> Any:
+        tree = make_tree(context)
+
+        def halt() -> None:
+            raise RuntimeError("will not")
+
+        tree.halt = halt
+        return tree
+
+    runner._make_tree = stubborn
+    finding = runner.run()
+    assert (finding.ended_by, finding.detail) == ("aborted", "stopping failed: RuntimeError: will not")
+    assert all(backend.buffers[name].stops for name in ("base", "arm", "gripper"))
+    assert backend.beats == 105, "and has come to rest"
+
+
 def test_the_result_has_every_field_of_the_schema(
     make_runner: Make, backend: Any, mission: Mission, serve: Callable[..., None]
 ) -> None:

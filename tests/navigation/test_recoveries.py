@@ -247,6 +247,24 @@ def test_base_that_is_held_back_gives_up_as_blocked(bench):
     assert failed.value.reason is Reason.BLOCKED and 3.0 < bench.time_s < 3.2 and bench.stops == 1
 
 
+@pytest.mark.parametrize("what", ["back off", "turn"])
+def test_base_that_is_sent_and_does_not_move_gives_up_as_blocked(bench, what):
+    bench.braking = 0.0
+    stuck = (
+        back_off(BackOffGoal(distance=0.6), bench.ctx) if what == "back off" else turn(TurnGoal(angle=1.0), bench.ctx)
+    )
+    with pytest.raises(ActionFailed) as failed:
+        bench.run(stuck)
+    assert failed.value.reason is Reason.BLOCKED and "wheels slip" in failed.value.detail
+    assert 10.0 < bench.time_s < 10.2 and bench.stops == 1
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.3])
+def test_base_that_is_slow_gets_there(bench, speed):
+    result = bench.run(back_off(BackOffGoal(distance=0.4, speed=speed), bench.ctx))
+    assert result.backed_m == pytest.approx(0.4, abs=0.01)
+
+
 def test_silent_laser_stands_and_ends_the_recovery(bench):
     def fail(now: float) -> None:
         bench.silent = now > 1.0

@@ -54,7 +54,8 @@ def calibrate_arm(goal: CalibrateArmGoal, ctx: Context) -> Generator[Feedback, N
     postures, poses = [], []
     with ctx.arm.lease("CalibrateArm") as arm, ctx.gripper.lease("CalibrateArm") as fingers:
         gripper = ctx.robot.description.gripper
-        fingers.send(np.array([gripper.thumb_clear, gripper.closed_angle, gripper.closed_angle]))
+        if not ctx.ledger.dispensers().get("hand", 0):  # open fingers keep a dispenser
+            fingers.send(np.array([gripper.thumb_clear, gripper.closed_angle, gripper.closed_angle]))
         for k, place in enumerate(places):
             yield Feedback(status="calibrating the arm", progress=k / len(places))
             try:

@@ -27,5 +27,10 @@ def check_grasp(goal: CheckGraspGoal, ctx: Context) -> Generator[Feedback, None,
     if not ballot.value:
         # Whether it fell or never left the feeder, the next look at the feeder tells.
         raise ActionFailed(Reason.GRASP_FAILED, f"{ballot.no} of {goal.frames} frames: {ballot.reason}")
-    ctx.ledger.move_dispenser("feeder", "hand")
+    account_for_taken(ctx)
     return NoResult()
+
+
+def account_for_taken(ctx: Context) -> None:
+    """The hand holds one that it has not by the account: out of the feeder, or one that was given up for lost there."""
+    ctx.ledger.move_dispenser("feeder" if ctx.ledger.dispensers()["feeder"] else "lost", "hand")

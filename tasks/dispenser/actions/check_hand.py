@@ -6,8 +6,9 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, NoResult, Outcome, action
-from grape.errors import ActionFailed
+from grape.errors import ActionFailed, Reason, StaleData
 from grape.tasks.dispenser.actions.check_feeder import CheckFeederGoal, check_feeder
+from grape.tasks.dispenser.actions.check_grasp import account_for_taken
 from grape.tasks.dispenser.actions.finish_plant import FinishPlantGoal, finish_plant
 from grape.tasks.dispenser.actions.holds_dispenser import account_for_fallen, hangs_there, look_at_hand
 from grape.tasks.dispenser.conditions import IsDeployedGoal, is_deployed
@@ -41,6 +42,8 @@ def check_hand(goal: CheckHandGoal, ctx: Context) -> Generator[Feedback, None, N
             yield from finish_plant(FinishPlantGoal(plant=plant, outcome=Outcome.DEPLOYED), ctx)
     except ActionFailed as failed:
         ctx.log.event("not_looked", action="CheckHand", reason=str(failed.reason), detail=failed.detail)
+    except StaleData as stale:
+        ctx.log.event("not_looked", action="CheckHand", reason=str(Reason.STALE_DATA), detail=str(stale))
     return NoResult()
 
 
@@ -53,7 +56,7 @@ def _look(goal: CheckHandGoal, ctx: Context) -> Generator[Feedback, None, str]:
     if step is not None and step.name == "grasp":
         ballot = yield from look_at_hand(ctx, goal.frames)
         if ballot.value:
-            ctx.ledger.move_dispenser("feeder", "hand")
+            account_for_taken(ctx)
         elif goal.feeder:
             yield from check_feeder(CheckFeederGoal(), ctx)
     elif (

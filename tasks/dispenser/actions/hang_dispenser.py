@@ -8,13 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.hand_path import HandPathOptions, calibrated_joints, follow_hand_path, smooth_step, straight
+from grape.actions.hand_path import (
+    FingersStuck,
+    HandPathOptions,
+    calibrated_joints,
+    follow_hand_path,
+    smooth_step,
+    straight,
+)
+from grape.actions.servoing import leave
 from grape.drivers import ArmDriver, GripperDriver
 from grape.errors import ActionFailed
 from grape.geometry import pose
 from grape.messages import Array
-from grape.tasks.dispenser.actions.withdraw_hand import WithdrawHandGoal, complete_release
-from grape.tasks.dispenser.targets import RETREAT_M, HangTarget
+from grape.tasks.dispenser.actions.withdraw_hand import CLEAR_M, WithdrawHandGoal, complete_release
+from grape.tasks.dispenser.targets import AIM_DEPTH_M, RETREAT_M, HangTarget
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +47,8 @@ def hang_dispenser(goal: HangDispenserGoal, ctx: Context) -> Generator[Feedback,
     """Closes the fingers while the arm keeps the nails in place, then backs off along the fingers.
 
     When the arm cannot follow, the release is completed from where the hand is, as far as it goes. It ends well all the
-    same: what became of the dispenser only a look can tell, and that comes next.
+    same: what became of the dispenser only a look can tell, and that comes next. With fingers that do not close the
+    hand goes back over the tip, the way it came, and keeps the dispenser: that fails with TRACKING_ERROR.
     """
     with (
         ctx.ledger.step("release", goal.target.plant, target=goal.target.as_record()),
@@ -47,15 +56,27 @@ def hang_dispenser(goal: HangDispenserGoal, ctx: Context) -> Generator[Feedback,
         ctx.gripper.lease("HangDispenser") as fingers,
     ):
         try:
-            yield from _release(goal, ctx, arm, fingers)
-        except ActionFailed as failed:
-            ctx.log.event("release_hindered", reason=str(failed.reason), detail=failed.detail)
-            try:
-                yield from complete_release(WithdrawHandGoal(close_s=goal.close_s), ctx, arm, fingers, goal.target)
-            except ActionFailed as again:
-                ctx.log.event("release_hindered", reason=str(again.reason), detail=again.detail)
+            yield from _let_go(goal, ctx, arm, fingers)
+        except FingersStuck:
+            yield from leave(ctx, arm, goal.target.approach, CLEAR_M + AIM_DEPTH_M)
+            raise
         ctx.ledger.move_dispenser("hand", goal.target.plant)
     return NoResult()
+
+
+def _let_go(
+    goal: HangDispenserGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver
+) -> Generator[Feedback, None, None]:
+    """The release, completed as far as it goes where the arm hinders it."""
+    rest = WithdrawHandGoal(close_s=goal.close_s)
+    for way in (_release(goal, ctx, arm, fingers), complete_release(rest, ctx, arm, fingers, goal.target)):
+        try:
+            yield from way
+            return
+        except FingersStuck:
+            raise
+        except ActionFailed as failed:
+            ctx.log.event("release_hindered", reason=str(failed.reason), detail=failed.detail)
 
 
 def _release(

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from grape.actions.account import RESUMED
 from grape.actions.core import Context, Feedback, NoResult, Outcome, action
+from grape.tasks.dispenser.actions.check_grasp import account_for_taken
 from grape.tasks.dispenser.actions.finish_plant import FinishPlantGoal, finish_plant
 from grape.tasks.dispenser.actions.holds_dispenser import hangs_there, look_at_hand
 from grape.tasks.dispenser.actions.withdraw_hand import release_pending
@@ -36,7 +37,7 @@ def settle_account(goal: SettleAccountGoal, ctx: Context) -> Generator[Feedback,
     elif places["hand"] or (step is not None and step.name in ("insert", "grasp")):
         holds = (yield from look_at_hand(ctx, goal.frames)).value
         if holds and not places["hand"]:
-            ctx.ledger.move_dispenser("feeder", "hand")
+            account_for_taken(ctx)
         elif places["hand"] and not holds and step is not None and step.name in ("place", "release"):
             hangs = yield from hangs_there(ctx, HangTarget(**step.details["target"]))
         elif places["hand"] and not holds:

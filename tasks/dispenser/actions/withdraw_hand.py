@@ -23,6 +23,7 @@ from grape.tasks.dispenser.targets import AIM_DEPTH_M, RETREAT_M, HangTarget, ha
 
 NEAR_FEEDER_M = 0.08  # beside the loop's place: farther away the hand is not in the feeder
 RISEN_M = 0.003  # a loop that is higher has left its tray
+NEAR_TARGET_M = 0.25  # from where the hand hangs a dispenser: farther away it has backed off, and is not in the plant
 CLEAR_M = 0.08  # of the loop from the tip, when servoing was cut off
 
 
@@ -118,8 +119,10 @@ def complete_release(
     if opened > 0.05:
         yield from _close(goal, ctx, arm, fingers, T[:3, :3])
         T = ctx.robot.hand_pose(ctx.world.joints())
-    released = hang_line(ctx.robot, target, 0.1)[2]
-    gone = float((T[:3, 3] - released[:3, 3]) @ T[:3, 2])
+    away = T[:3, 3] - hang_line(ctx.robot, target, 0.1)[2][:3, 3]
+    if np.linalg.norm(away) > NEAR_TARGET_M:
+        return
+    gone = float(away @ T[:3, 2])
     yield from _go(goal, ctx, arm, T[:3, 2] * (RETREAT_M - min(max(gone, 0.0), RETREAT_M)))
 
 
@@ -128,7 +131,7 @@ def _off_the_tip(ctx: Context, arm: ArmDriver, target: HangTarget) -> Generator[
     final = target.hand_pose(ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle))
     away = ctx.robot.hand_pose(ctx.world.joints())[:3, 3] - final[:3, 3]
     short = CLEAR_M + AIM_DEPTH_M - float(away @ target.approach)
-    if short > 0.005 and np.linalg.norm(away) < 0.25:
+    if short > 0.005 and np.linalg.norm(away) < NEAR_TARGET_M:
         yield from leave(ctx, arm, target.approach, short)
 
 

@@ -33,6 +33,15 @@ def test_looks_round_the_feeder_show_every_joint(bench: Bench, task: SimpleNames
     assert bench.ledger.recall(ENCODER_OFFSETS) == bench.world.encoder_offsets.tolist()
 
 
+def test_a_dispenser_in_the_hand_is_not_dropped(bench: Bench) -> None:
+    gripper = bench.robot.description.gripper
+    bench.ledger.move_dispenser("feeder", "hand")
+    spread = np.array([gripper.thumb_clear, gripper.open_angle, gripper.open_angle])
+    bench.fingers.angles = bench.fingers.target = spread
+    bench.failure(calibrate_arm(CalibrateArmGoal(), bench.ctx))
+    assert (bench.fingers.angles == spread).all()
+
+
 def test_an_arm_is_calibrated_once(bench: Bench) -> None:
     bench.world.encoder_offsets = np.zeros(6)
     bench.run(calibrate_arm(CalibrateArmGoal(), bench.ctx), limit_s=0.1)

@@ -92,6 +92,35 @@ def test_a_grasp_that_nobody_could_confirm_is_settled_at_the_feeder(
     assert sum(number for name, number in bench.ledger.account().items() if name != "loaded") == 8
 
 
+def test_a_dispenser_that_was_given_up_for_lost_and_is_held_is_in_the_hand(bench: Bench) -> None:
+    for _ in range(8):
+        bench.ledger.move_dispenser("feeder", "lost")
+    with bench.ledger.step("grasp", level=0):
+        pass
+    bench.fingers.angles = bench.fingers.target = np.array([1.5, *[DESCRIPTION.gripper.open_angle] * 2])
+    bench.scene.held = True
+    bench.advance(20)
+    look(bench)
+    assert bench.ledger.account() == {"loaded": 8, "deployed": 0, "left": 0, "lost": 7, "on_hand": 1}
+
+
+def test_an_arm_that_tells_no_joint_angles_changes_nothing(
+    bench: Bench, task: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    carried_to(bench, task, "place")
+    sense = bench._sense
+
+    def deaf() -> None:
+        sense()
+        bench.world.arm = None
+
+    monkeypatch.setattr(bench, "_sense", deaf)
+    bench.advance()
+    look(bench)
+    assert bench.log.last("not_looked")["reason"] == "stale_data"
+    assert sum(bench.ledger.account()[place] for place in ("on_hand", "deployed")) == 1
+
+
 @pytest.mark.parametrize("hangs", [True, False])
 def test_a_release_that_nobody_looked_at_is_looked_at(bench: Bench, task: SimpleNamespace, hangs: bool) -> None:
     target = task.put_nail(bench)

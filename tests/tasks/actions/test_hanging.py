@@ -11,7 +11,7 @@ from paper_robot import Bench
 
 from grape.actions.move_arm import checker_for
 from grape.actions.obstacles import OBSTACLES, Obstacles
-from grape.errors import GoalRejected, Reason
+from grape.errors import ActionFailed, GoalRejected, Reason
 from grape.geometry import pose_error
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser.actions.approach_nail import ApproachNailGoal, approach_nail
@@ -238,6 +238,40 @@ def test_a_release_that_the_arm_hinders_is_completed_as_far_as_it_goes_and_left_
         assert bench.fingers.angles[1:] == pytest.approx(GRIPPER.closed_angle, abs=0.02)
         assert begin[1] - bench.hand[1, 3] > 0.10
     assert bench.ctx.arm.owner is None
+
+
+def test_fingers_that_do_not_close_keep_the_dispenser_and_take_it_back(
+    bench: Bench, task: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = task.put_nail(bench)
+    in_hand(bench)
+    task.at_target(bench, target)
+    begin, closing = bench.hand[:3, 3], []
+    monkeypatch.setattr(bench.fingers, "send", lambda position: position)
+    with pytest.raises(ActionFailed) as failed:
+        for feedback in hang_dispenser(HangDispenserGoal(target=target), bench.ctx):
+            bench.advance()
+            if feedback.status.startswith("closing"):
+                closing.append(bench.hand[:3, 3])
+    assert failed.value.reason is Reason.TRACKING_ERROR and "fingers" in failed.value.detail
+    assert np.linalg.norm(closing[-1] - begin) < 0.05, "the hand does not swing round fingers that stay"
+    away = bench.hand[:3, 3] - closing[-1]
+    assert away == pytest.approx(0.11 * target.approach, abs=0.005), "back over the tip, the way it came"
+    assert bench.ledger.account()["on_hand"] == 1 and bench.ledger.dispensers()["n0"] == 0
+    last = bench.ledger.last_step()
+    assert last is not None and (last.name, last.outcome) == ("release", "failed")
+
+
+def test_fingers_that_tell_nothing_do_not_hinder_a_release(
+    bench: Bench, task: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = task.put_nail(bench)
+    in_hand(bench)
+    task.at_target(bench, target)
+    told = bench.fingers.latest()
+    monkeypatch.setattr(bench.fingers, "latest", lambda max_age_s=None: told)
+    bench.run(hang_dispenser(HangDispenserGoal(target=target), bench.ctx))
+    assert bench.ledger.dispensers()["n0"] == 1
 
 
 def hung_at(bench: Bench, target: HangTarget) -> None:

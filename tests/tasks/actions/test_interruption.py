@@ -16,6 +16,7 @@ from grape.actions.hand_path import JOINT_OFFSETS
 from grape.actions.obstacles import OBSTACLES
 from grape.geometry import transform
 from grape.robots.husky_jaco2 import DESCRIPTION
+from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
 from grape.tasks.dispenser.actions.drive_to_plant import STANDING, DriveToPlantGoal, drive_to_plant
 from grape.tasks.dispenser.actions.grasp_dispenser import GraspDispenserGoal, grasp_dispenser
 from grape.tasks.dispenser.actions.hang_dispenser import HangDispenserGoal, hang_dispenser
@@ -125,6 +126,19 @@ def test_a_release_that_was_cut_off_is_completed_and_the_plant_finished(
     place = bench.hand
     withdraw(bench)
     assert bench.hand[:3, 3] == pytest.approx(place[:3, 3], abs=1e-3), "a finished plant is left alone"
+
+
+def test_a_hand_that_has_left_the_plant_for_another_look_stays_where_it_is(bench: Bench, task: SimpleNamespace) -> None:
+    target = nail_in_hand(bench, task)
+    bench.run(hang_dispenser(HangDispenserGoal(target=target), bench.ctx))
+    look = check_deployment(CheckDeploymentGoal(target=target), bench.ctx)
+    while not any(kind == "plan" for kind, _ in bench.log.events):
+        next(look)
+        bench.advance()
+    cut_off(bench, look, 2.0)
+    place = bench.hand
+    withdraw(bench)
+    assert bench.hand[:3, 3] == pytest.approx(place[:3, 3], abs=1e-3)
 
 
 def test_a_release_of_which_nothing_is_seen_is_lost_once(bench: Bench, task: SimpleNamespace) -> None:
