@@ -20,7 +20,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from grape.errors import GrapeError, with_suggestion
+from grape.errors import GrapeError, InvalidInput, with_suggestion
 from grape.proof import Bench, Experiment
 
 TASKS, ROBOTS, WORLDS = "grape.tasks", "grape.robots", "grape.worlds"
@@ -89,6 +89,11 @@ class Task:
         conditions: its `Condition`s, likewise.
         trees: tree files by name.
         missions: mission files by name.
+        serves_plants: whether a mission has plants, whose outcomes in the ledger are its status; if not, the tree's
+            end is.
+
+    Raises:
+        InvalidInput: something in `actions` or `conditions` is no node.
     """
 
     name: str
@@ -97,6 +102,12 @@ class Task:
     conditions: tuple[Any, ...] = ()
     trees: Mapping[str, Path] = field(default_factory=dict)
     missions: Mapping[str, Path] = field(default_factory=dict)
+    serves_plants: bool = True
+
+    def __post_init__(self) -> None:
+        for leaf in self.leaves:
+            if not (hasattr(leaf, "goal_type") and hasattr(leaf, "name")):
+                raise InvalidInput(f"task {self.name}: got {leaf!r} as a node; declare it with @action or @condition")
 
     @property
     def leaves(self) -> tuple[Any, ...]:

@@ -7,7 +7,7 @@ drivers are named by string (`package.module:factory`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Literal
 
@@ -164,7 +164,11 @@ class FeederDescription(_Frozen):
 
 @dataclass(frozen=True, kw_only=True)
 class RobotDescription:
-    """A robot as data; `mjcf` is the one source of its body, and of the shapes that planners use."""
+    """A robot as data; `mjcf` is the one source of its body, and of the shapes that planners use.
+
+    `drivers` names those of the real machine: from what a mission file calls them (not `simulated`) to
+    `package.module:connect` of `connect(description, clock)`, a context manager that gives `grape.drivers.Drivers`.
+    """
 
     name: str
     mjcf: Path
@@ -173,7 +177,7 @@ class RobotDescription:
     gripper: GripperDescription
     feeder: FeederDescription
     mounts: Mapping[str, Mount]
-    drivers: Mapping[str, str]
+    drivers: Mapping[str, str] = field(default_factory=dict)
     collision_group: int = 3  # geom group of the shapes that planners use
 
     def T_base_link_sensor(self, name: str) -> Array:

@@ -159,6 +159,7 @@ def test_python_on_a_page_runs(page: str, desk: Path, capsys: pytest.CaptureFixt
         "filter.md": "x 1.0 1 refused",
         "maps_and_localisation.md": "off by less than 0.1 m: True share True\nwho is out: [] None",
         "driving.md": "at the goal",
+        "own_robot.md": "[0.  0.9 0.9] 1",
     }[page]
     assert expected in capsys.readouterr().out
 

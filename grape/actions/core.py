@@ -127,7 +127,7 @@ class Actuator(Generic[D]):
 
 
 class Jobs(Protocol):
-    """Heavy work beside the beat: inline in simulation, a process pool on hardware."""
+    """Heavy work beside the beat."""
 
     def run(self, function: Callable[..., R], *args: Any, **kwargs: Any) -> Generator[Feedback, None, R]:
         """`result = yield from ctx.jobs.run(plan, ...)`: yields while the work runs, returns its result."""
@@ -135,7 +135,7 @@ class Jobs(Protocol):
 
 
 class InlineJobs:
-    """Runs the work at once, within the beat: what simulation does, so that a seed repeats byte for byte."""
+    """Runs the work at once, within the beat, so that a seed repeats byte for byte."""
 
     def run(self, function: Callable[..., R], *args: Any, **kwargs: Any) -> Generator[Feedback, None, R]:
         yield Feedback(status=f"computing {function.__name__}")

@@ -39,6 +39,8 @@ STRAYING = (Phase.TURN, Phase.RETREAT, Phase.MAKE_ROOM)  # does not come nearer 
 class DriveGoal:
     """Where to stand in map: x, y in metres, yaw in radians; speed in m/s, timeout_s of the whole drive.
 
+    A base that is slower than `speed` drives as fast as it can.
+
     planner: a plugin of the group `grape.local_planners`; all but the pure pursuit turn only where there is room.
     """
 
@@ -68,12 +70,13 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
     Where it ends further aside it backs off for another approach; after the second one 8 cm aside are enough.
     """
     target = np.array([goal.x, goal.y, goal.yaw])
-    if not np.isfinite(target).all() or not 0.0 < goal.speed <= ctx.robot.description.base.max_linear:
-        raise GoalRejected(f"a finite pose and a speed up to {ctx.robot.description.base.max_linear} m/s, got {goal}")
+    if not np.isfinite(target).all() or not goal.speed > 0.0:
+        raise GoalRejected(f"a finite pose and a speed above 0, got {goal}")
     if goal.planner not in (known := find(LOCAL_PLANNERS)):
         raise GoalRejected(f"no local planner {goal.planner!r}; there are {', '.join(sorted(known))}")
     with ctx.base.lease("DriveToPose") as base:
-        drive = _Drive(target, goal, ctx)
+        speed = min(goal.speed, ctx.robot.description.base.max_linear)
+        drive = _Drive(target, replace(goal, speed=speed), ctx)
         try:
             yield from drive.localized(base)
             yield from drive.plan(base)

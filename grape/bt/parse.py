@@ -89,7 +89,9 @@ class Parser:
         hint = did_you_mean(tag, [*BUILTIN, *self._nodes, "SubTree"])
         if tag in self._trees:
             hint = f'a tree is called with <SubTree ID="{tag}"/>'
-        self.problems.add(element.problem(f"unknown node {tag!r}", "a node that `grape list` shows", hint, attribute))
+        self.problems.add(
+            element.problem(f"unknown node {tag!r}", "a node that `grape list` shows for the task", hint, attribute)
+        )
         return None
 
     def _category(self, tag: str) -> str:

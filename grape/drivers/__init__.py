@@ -3,6 +3,7 @@
 A driver says what it really did (`send` returns what was sent) and how old its data is (`latest(max_age_s)`).
 """
 
+from grape.drivers.mailbox import Mailbox
 from grape.drivers.ports import (
     ArmDriver,
     BaseDriver,
@@ -20,6 +21,7 @@ __all__ = [
     "CameraDriver",
     "Drivers",
     "GripperDriver",
+    "Mailbox",
     "NoOperator",
     "OperatorDriver",
     "SensorDriver",

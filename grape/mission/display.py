@@ -108,10 +108,12 @@ def summary(result: dict[str, Any]) -> Table:
 def _caption(result: dict[str, Any]) -> str:
     account, truth = result["dispensers"], result.get("truth") or {}
     rmse = result["localization"]["position_rmse_m"]
+    took = f"{result['wall_time_s']:.1f} s"
+    if truth:
+        took = f"{result['sim_time_s']:.1f} s simulated in {took} (x{result['real_time_factor']:.2f})"
     lines = [
         f"dispensers: {account['deployed']} deployed, {account['left']} left, {account['lost']} lost"
         + (f"; the referee sees {len(truth['hanging'])} hanging" if truth else ""),
-        f"{result['sim_time_s']:.1f} s simulated in {result['wall_time_s']:.1f} s (x{result['real_time_factor']:.2f})"
-        + (f", position error {rmse:.3f} m RMS" if rmse is not None else ""),
+        took + (f", position error {rmse:.3f} m RMS" if rmse is not None else ""),
     ]
     return "\n".join([*lines, *([result["detail"]] if result.get("detail") else [])])

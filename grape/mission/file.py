@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,11 +16,12 @@ from grape.mission.catalog import missions, robot_description, robots, trees, wo
 from grape.mission.faults import MissionFault, check_faults
 from grape.mission.refill import Refill as Refill
 from grape.mission.refill import check_refill
-from grape.plugins import TASKS, find
+from grape.plugins import TASKS, find, load
 from grape.site import Plant, Site, load_site
 
 MODES = {"nail": ("nail", "auto"), "vine": ("plant", "plant_open_loop", "auto")}  # the first is what auto means
 Mode = Literal["nail", "plant", "plant_open_loop", "auto"]
+SIMULATED = "simulated"  # as drivers: no robot's own
 OF_SITE = "site"  # as a map: the site's own plants
 MAP_FILE = "map.yaml"  # of a run folder
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=80)]
@@ -48,6 +49,7 @@ class MissionFile(Model):
     description: str = ""
     seed: Annotated[int, Field(ge=0, le=2**31 - 1)] = 0
     robot: Name = "husky_jaco2"
+    drivers: Name = SIMULATED
     task: Name = "dispenser"
     tree: str = "dispenser_deployment"
     world: dict[str, Any] = Field(default_factory=dict)
@@ -107,7 +109,8 @@ class Mission:
         data = self.file.model_dump(mode="json", exclude={"select"}, exclude_none=True)
         world = {key: value for key, value in dataclasses.asdict(self.world).items() if value != ()}
         data["world"] = {"type": self.file.world.get("type", "vineyard"), **world}
-        data["plants"] = [plant.model_dump() for plant in self.plants]
+        if self.plants:
+            data["plants"] = [plant.model_dump() for plant in self.plants]
         data["refill"]["stock"] = self.stock
         if self.surveyed:
             data["site"] = "site.geojson"
@@ -145,6 +148,7 @@ def load_mission(name: str, overrides: Iterable[str] = (), world: Path | None = 
         problems += check_refill(file.refill, site, document)
     if file.robot in robots():
         problems += check_faults(file.faults, robot_description(file.robot), document)
+        problems += _drivers(file, document)
     grid = _map(file, document, path.parent, site, problems)
     if problems or options is None or site is None:
         raise FileError(problems)
@@ -230,6 +234,21 @@ def _world_and_site(file: MissionFile, document: Document, folder: Path) -> tupl
     return options, load_site(path)
 
 
+def _drivers(file: MissionFile, document: Document) -> Iterator[Problem]:
+    """The robot must have the drivers that are named; on its own ones nothing is laid out or put wrong."""
+    if file.drivers == SIMULATED:
+        return
+    known = (SIMULATED, *robot_description(file.robot).drivers)
+    if file.drivers not in known:
+        hint = did_you_mean(file.drivers, known)
+        yield document.problem(("drivers",), f"{file.robot} has no {file.drivers!r}", ", ".join(known), hint)
+    if file.site is None:
+        yield document.problem(("drivers",), "there is no site", f"with {file.drivers!r} the GeoJSON of a real one")
+    for key, given in (("faults", file.faults), ("arm_errors", file.arm_errors)):
+        if given:
+            yield document.problem((key,), f"got it beside the drivers {file.drivers!r}", "in simulation alone")
+
+
 def _map(file: MissionFile, document: Document, folder: Path, site: Site | None, problems: list[Problem]) -> Any:
     """The map that the mission names, if any."""
     if file.map is None or site is None:
@@ -264,7 +283,12 @@ def _actions(
 
 
 def _plants(file: MissionFile, document: Document, site: Site, problems: list[Problem]) -> tuple[PlantGoal, ...]:
-    """The plants to serve, each checked against the site."""
+    """The plants to serve, each checked against the site; none where the task serves none."""
+    if file.task in find(TASKS) and not load(TASKS, file.task).serves_plants:
+        for key, given in (("plants", file.plants), ("select", file.select)):
+            if given is not None:
+                problems.append(document.problem((key,), f"the task {file.task!r} serves no plants", "no such key"))
+        return ()
     if file.plants is not None and file.select is not None:
         problems.append(document.problem(("select",), "both plants and select are given", "one of the two"))
         return ()

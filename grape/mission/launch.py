@@ -1,10 +1,11 @@
-"""From a checked mission to a complete run folder, in simulation."""
+"""From a checked mission to a complete run folder, in simulation or on the robot's own drivers."""
 
 from __future__ import annotations
 
 import hashlib
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,13 +16,14 @@ from ruamel.yaml import YAML
 from grape import __version__
 from grape.errors import InvalidInput
 from grape.mission.catalog import nodes, robot_description, world_type
-from grape.mission.file import MAP_FILE, OF_SITE, Mission, load_mission
+from grape.mission.file import MAP_FILE, OF_SITE, SIMULATED, Mission, load_mission
 from grape.mission.ledger import SqliteLedger
 from grape.mission.lock import RunLock
 from grape.mission.progress import Progress
+from grape.mission.real import connected, resumed_at
 from grape.mission.record import read_events, read_json, write_atomic
 from grape.mission.result import build_result, write_result
-from grape.mission.runner import Runner
+from grape.mission.runner import Backend, Runner
 from grape.mission.track import csv_of
 from grape.site import save_site
 
@@ -49,27 +51,28 @@ def run_mission(
     on_progress: Callable[[Progress], None] = lambda progress: None,
     render: bool = False,
 ) -> MissionRun:
-    """Run a mission in simulation; the folder appears only when everything it needs could be built.
+    """Run a mission; the folder appears only when everything it needs could be built and connected.
 
     Args:
         out: a folder that does not exist or is empty; default `runs/<mission>-seed<N>-<n>`.
         cancelled: asked every beat; true ends the mission as aborted.
         on_progress: called a few times a second.
-        render: also keep pictures of a camera that follows the robot.
+        render: also keep pictures of a camera that follows the simulated robot.
 
     Raises:
         FileError: the tree file has problems.
-        InvalidInput: robot, world and options do not fit together, or `out` holds something.
+        InvalidInput: robot, world, drivers and options do not fit together, or `out` holds something.
+        PluginError: the robot's own drivers cannot be imported.
+        DriverError: they cannot be connected.
     """
     refuse_used(out)
-    scene = build_scene(mission)
-    try:
+    if render and mission.file.drivers != SIMULATED:
+        raise InvalidInput(f"--render needs a simulation, this mission has the drivers {mission.file.drivers!r}")
+    with open_scene(mission) as scene:
         folder = make_folder(out, mission)
         with RunLock(folder):
             write_inputs(mission, folder)
             result = execute(scene, folder, cancelled=cancelled, on_progress=on_progress, render=render)
-    finally:
-        scene.simulation.close()
     return MissionRun(folder=folder, result=result)
 
 
@@ -95,46 +98,70 @@ def resume_mission(
         if earlier is not None:
             return MissionRun(folder=folder, result=earlier, resumed=False)
         refuse_changed(folder)
-        scene = build_scene(load_mission(str(folder / "mission.yaml")))
-        try:
+        mission = load_mission(str(folder / "mission.yaml"))
+        if mission.file.drivers == SIMULATED:
+            refuse_lost_world(folder)
+        with open_scene(mission, folder) as scene:
             for name in ("result.json", "report.html"):
                 (folder / name).unlink(missing_ok=True)
             result = execute(scene, folder, cancelled=cancelled, on_progress=on_progress, resume=True)
-        finally:
-            scene.simulation.close()
     return MissionRun(folder=folder, result=result)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Everything that is built before a run folder is touched."""
+    """Everything that is built before a run folder is touched.
+
+    Attributes:
+        simulation: also the backend; None on the robot's own drivers.
+    """
 
     mission: Mission
     tree: Any
     robot: Any
-    simulation: Any
+    backend: Backend
+    simulation: Any = None
 
 
-def build_scene(mission: Mission) -> Scene:
-    """World, robot and tree of a mission; the caller closes its simulation."""
+@contextmanager
+def open_scene(mission: Mission, earlier: Path | None = None) -> Iterator[Scene]:
+    """Tree, robot and what it runs on, which is closed at the end of the block.
+
+    Args:
+        earlier: folder of the run that goes on; None for a new one.
+    """
     from grape.actions.robot import build_robot
     from grape.bt import load_tree
+
+    tree = load_tree(mission.tree, nodes(mission.file.task))
+    description = robot_description(mission.file.robot)
+    robot = build_robot(description)
+    if mission.file.drivers != SIMULATED:
+        start_s = 0.0 if earlier is None else resumed_at(earlier)
+        with connected(description, mission.file.drivers, start_s) as backend:
+            yield Scene(mission=mission, tree=tree, robot=robot, backend=backend)
+        return
+    simulation = simulate(mission, description)
+    try:
+        yield Scene(mission=mission, tree=tree, robot=robot, backend=simulation, simulation=simulation)
+    finally:
+        simulation.close()
+
+
+def simulate(mission: Mission, description: Any) -> Any:
+    """The simulation of a mission's world and robot."""
     from grape.sim.drivers import SensorOptions
     from grape.sim.drivers.arm import ArmDriverOptions
     from grape.sim.drivers.operator import OperatorOptions
     from grape.sim.simulation import Simulation, SimulationOptions
 
-    tree = load_tree(mission.tree, nodes(mission.file.task))
-    description = robot_description(mission.file.robot)
-    robot = build_robot(description)
     world = world_type(mission.file.world.get("type", "vineyard")).grow(mission.site, mission.world)
     operator = OperatorOptions(fill=mission.file.refill.fill, after_s=mission.file.refill.after_s)
     sensors = SensorOptions(arm=ArmDriverOptions(errors=mission.file.arm_errors), operator=operator)
     options = SimulationOptions(
         dispensers=mission.file.dispensers, stock=mission.stock, sensors=sensors, faults=planned_faults(mission)
     )
-    simulation = Simulation(world, description, seed=mission.seed, options=options)
-    return Scene(mission=mission, tree=tree, robot=robot, simulation=simulation)
+    return Simulation(world, description, seed=mission.seed, options=options)
 
 
 def planned_faults(mission: Mission) -> tuple[tuple[float, Any], ...]:
@@ -165,24 +192,25 @@ def execute(
     from grape.bt import TreeExecutor
 
     simulation = scene.simulation
-    if simulation.keep(folder / WORLD_FOLDER):
+    if simulation is not None and simulation.keep(folder / WORLD_FOLDER):
         for _ in range(round(UNATTENDED_S * 100)):  # what the world did while nobody spoke to the actuators
             simulation.advance()
+    referee = simulation.referee if simulation is not None else None
     film = Film(folder, lambda: simulation.render()) if render else None
     runner = Runner(
         scene.mission,
-        simulation,
+        scene.backend,
         scene.robot,
         folder,
         make_tree=lambda context: TreeExecutor(scene.tree, context),
-        referee=simulation.referee,
+        referee=referee,
         cancelled=cancelled,
         on_progress=on_progress,
         on_beat=film.see if film is not None else lambda now: None,
         resume=resume,
         facts=identity(folder),
     )
-    result = finish(scene.mission, runner, simulation, folder)
+    result = finish(scene.mission, runner, referee, folder)
     if film is not None:
         film.close()
     return result
@@ -210,8 +238,6 @@ def refuse_changed(folder: Path) -> None:
     Raises:
         InvalidInput: they differ, or files are missing.
     """
-    from grape.sim.checkpoint import kept_time
-
     if not (folder / "ledger.sqlite").exists():
         return  # killed before anything was done
     missing = [name for name in INPUTS if not (folder / name).exists()]
@@ -219,29 +245,46 @@ def refuse_changed(folder: Path) -> None:
         raise InvalidInput(f"{folder}: {', '.join(missing)} of the run is missing")
     ledger = SqliteLedger.open(folder / "ledger.sqlite")
     begun, now = ledger.facts(), identity(folder)
-    moved = ledger.last_step() is not None
     ledger.close()
     if begun.get("grape") != now["grape"]:
         raise InvalidInput(f"{folder}: grape {begun.get('grape')} began this run, this is grape {now['grape']}")
     if begun.get("inputs") != now["inputs"]:
         raise InvalidInput(f"{folder}: {', '.join(INPUTS)} or its map differ from those that the run was begun with")
-    if moved and kept_time(folder / WORLD_FOLDER) is None:
+
+
+def refuse_lost_world(folder: Path) -> None:
+    """Refuse to go on in a simulation whose world has been deleted or damaged.
+
+    Raises:
+        InvalidInput: it is not there, and something was done in it.
+    """
+    from grape.sim.checkpoint import kept_time
+
+    if kept_time(folder / WORLD_FOLDER) is not None or not (folder / "ledger.sqlite").exists():
+        return
+    ledger = SqliteLedger.open(folder / "ledger.sqlite")
+    moved = ledger.last_step() is not None
+    ledger.close()
+    if moved:
         raise InvalidInput(
             f"{folder}: the simulated world, {WORLD_FOLDER}/, is gone or damaged; the robot has nowhere to go on"
         )
 
 
-def finish(mission: Mission, runner: Runner, simulation: Any, folder: Path) -> dict[str, Any]:
-    """Run the beats and write what they came to."""
+def finish(mission: Mission, runner: Runner, referee: Any, folder: Path) -> dict[str, Any]:
+    """Run the beats and write what they came to; `referee` is None on the robot's own drivers."""
     from grape.mission.report import write_report
 
     finding = runner.run()
     events = list(read_events(folder / "events.jsonl"))
-    result = build_result(mission, finding, runner.ledger, events, simulation.referee.verdict())
+    verdict = referee.verdict() if referee is not None else None
+    result = build_result(mission, finding, runner.ledger, events, verdict)
     runner.close()
-    truth = np.array([(s.time_s, s.x, s.y, s.yaw) for s in simulation.referee.path]).reshape(-1, 4)
+    truth = None
+    if referee is not None:
+        truth = np.array([(s.time_s, s.x, s.y, s.yaw) for s in referee.path]).reshape(-1, 4)
+        write_atomic(folder / "standing.csv", csv_of("x_m,y_m", referee.standing()))
     write_atomic(folder / "path.csv", finding.track.to_csv(truth))
-    write_atomic(folder / "standing.csv", csv_of("x_m,y_m", simulation.referee.standing()))
     write_result(result, folder)
     write_report(folder)
     return result

@@ -71,12 +71,15 @@ def _add_action(record: PlantRecord, event: dict[str, Any]) -> None:
 
 
 def status_of(finding: Finding, outcomes: Iterable[Outcome | None]) -> str:
-    """succeeded: every plant deployed; partial: some; failed: none, or a crash; aborted: somebody ended it."""
+    """succeeded: every plant deployed; partial: some; failed: none, or a crash; aborted: somebody ended it.
+
+    Without plants the tree decides.
+    """
     if finding.ended_by == "aborted":
         return "aborted"
     if finding.ended_by == "crash":
         return "failed"
-    deployed = [outcome is Outcome.DEPLOYED for outcome in outcomes]
+    deployed = [outcome is Outcome.DEPLOYED for outcome in outcomes] or [finding.succeeded]
     return "succeeded" if all(deployed) else "partial" if any(deployed) else "failed"
 
 
@@ -104,6 +107,7 @@ def build_result(
         "schema": SCHEMA,
         "mission": mission.name,
         "robot": mission.file.robot,
+        "drivers": mission.file.drivers,
         "seed": mission.seed,
         "status": status_of(finding, (task.outcome for task in tasks)),
         "ended_by": finding.ended_by,

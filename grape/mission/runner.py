@@ -27,7 +27,9 @@ from grape.mission.sense import Sensing
 from grape.mission.track import Track
 from grape.world import World
 
-STOPPING_S = 1.0  # simulated after the end, so that the robot stands when the referee looks
+BEAT_S = 0.01
+LATE_S = 0.05  # an arm stops by itself when it hears nothing for so long
+STOPPING_S = 1.0  # after the end, so that the robot stands when the referee looks
 TRACK_PERIOD_S = 0.2
 PROGRESS_PERIOD_S = 0.25  # of the wall clock
 ASKED_S = 0.05  # an action that fails sooner was a question, and "no" is its answer
@@ -47,7 +49,7 @@ class Referee(Protocol):
 
 
 class Backend(Protocol):
-    """What a mission runs on: a simulation, later the real robot."""
+    """What a mission runs on: a simulation, or the real robot."""
 
     @property
     def clock(self) -> Clock: ...
@@ -80,10 +82,12 @@ class Finding:
     Attributes:
         ended_by: tree, time_limit, aborted or crash.
         detail: what broke, or which action made the tree fail.
+        succeeded: whether the tree did.
     """
 
     ended_by: str = "tree"
     detail: str = ""
+    succeeded: bool = False
     sim_time_s: float = 0.0
     wall_time_s: float = 0.0
     track: Track = field(default_factory=Track)
@@ -162,6 +166,7 @@ class Runner:
         try:
             tree = self._make_tree(self.context)
             finding.ended_by, status = self._beat(tree, wall)
+            finding.succeeded = status is Status.SUCCEEDED
             if status is Status.ABORTED and tree.last_failure is not None:
                 failure = tree.last_failure
                 finding.detail = f"{failure.path}: {failure.reason}: {failure.detail}"
@@ -247,6 +252,8 @@ class Runner:
             if status is not Status.ACTIVE:
                 return "tree", status
             self._backend.advance()
+            if clock.now() - now > LATE_S:  # never in simulation
+                self.log.event("late_beat", took_s=round(clock.now() - now, 3))
             self._on_beat(now)
             if wall.now() >= next_progress:
                 self._on_progress(self._tracker.progress(now, self._earlier_s + wall.now()))
@@ -260,7 +267,7 @@ class Runner:
                     tree.halt()
             finally:  # also when an action cannot be halted
                 self._backend.drivers.stop_all()
-                for _ in range(round(STOPPING_S * 100)):
+                for _ in range(round(STOPPING_S / BEAT_S)):
                     self._backend.advance()
                     if self._referee is not None:
                         self._referee.observe()

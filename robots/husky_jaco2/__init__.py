@@ -58,5 +58,4 @@ DESCRIPTION = RobotDescription(
         "front_laser": _on_base(0.45, 0.0, 0.20, "UTM-30LX"),
         **WRIST_MOUNTS,
     },
-    drivers={"simulated": "grape.sim.drivers:connect"},
 )

@@ -64,5 +64,4 @@ DESCRIPTION = RobotDescription(
         "front_laser": _on_base((0.413, 0.0, 0.122), "LMS291"),
         **WRIST_MOUNTS,
     },
-    drivers={"simulated": "grape.sim.drivers:connect"},
 )

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from grape import plugins
+from grape.errors import InvalidInput
 from grape.plugins import ROBOTS, TASKS, WORLDS, Plugin, PluginError, Task, find, load
 
 
@@ -42,13 +43,21 @@ def test_finding_names_imports_nothing() -> None:
 
 def test_a_task_of_another_package_is_found_and_loaded(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "vine_pruning.py").write_text(
-        "from grape.plugins import Task\nTASK = Task(name='pruning', summary='', actions=(1,), conditions=(2,))\n"
+        "from grape.actions.recoveries import turn, wait\nfrom grape.plugins import Task\n"
+        "TASK = Task(name='pruning', summary='', actions=(turn,), conditions=(wait,))\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     brought(monkeypatch, "pruning", "vine_pruning:TASK")
     assert find(TASKS)["pruning"].origin == "vine-tools"
     task = load(TASKS, "pruning")
-    assert isinstance(task, Task) and task.leaves == (1, 2)
+    assert isinstance(task, Task) and [leaf.name for leaf in task.leaves] == ["Turn", "Wait"]
+
+
+def test_a_task_takes_nodes_alone() -> None:
+    from grape.actions import drive_to_pose
+
+    with pytest.raises(InvalidInput, match=r"task pruning: got <module 'grape\.actions\.drive_to_pose'.*@action"):
+        Task(name="pruning", summary="", actions=(drive_to_pose,))
 
 
 def test_a_plugin_that_cannot_be_imported_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

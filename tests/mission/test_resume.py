@@ -15,7 +15,7 @@ from grape.actions.account import RESUMED
 from grape.actions.core import Context, Outcome, Status
 from grape.errors import FileError, InvalidInput
 from grape.mission.file import Mission
-from grape.mission.launch import finish, identity, refuse_changed, resume_mission, write_inputs
+from grape.mission.launch import finish, identity, refuse_changed, refuse_lost_world, resume_mission, write_inputs
 from grape.mission.ledger import SqliteLedger
 from grape.mission.lock import RunLock
 from grape.mission.record import RunRecorder, read_events
@@ -131,8 +131,6 @@ def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:
         (lambda folder: (folder / "mission.yaml").open("a").write("# more\n"), "differ from those"),
         (lambda folder: (folder / "tree.xml").unlink(), "tree.xml of the run is missing"),
         (lambda folder: note(folder, "grape", "0.0.1"), "grape 0.0.1 began this run"),
-        (lambda folder: begin_step(folder), "simulated world, world/, is gone"),
-        (lambda folder: (begin_step(folder), (folder / "world").mkdir()), "simulated world, world/, is gone"),
     ],
 )
 def test_changed_runs_are_refused(
@@ -152,11 +150,19 @@ def note(folder: Path, key: str, value: str) -> None:
     ledger.close()
 
 
-def begin_step(folder: Path) -> None:
-    ledger = SqliteLedger.open(folder / "ledger.sqlite")
+def test_a_simulated_run_whose_world_is_gone_is_refused_once_something_was_done(
+    mission: Mission, tmp_path: Path
+) -> None:
+    write_inputs(mission, tmp_path)
+    ledger = SqliteLedger.create(tmp_path / "ledger.sqlite", [("a", "nail")], 1, identity(tmp_path))
+    refuse_lost_world(tmp_path)
     with ledger.step("drive"):
         pass
     ledger.close()
+    for make in (lambda: None, (tmp_path / "world").mkdir):
+        make()
+        with pytest.raises(InvalidInput, match="simulated world, world/, is gone or damaged"):
+            resume_mission(tmp_path)
 
 
 def test_a_second_process_in_the_same_folder_is_refused(mission: Mission, tmp_path: Path) -> None:

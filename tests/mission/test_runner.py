@@ -282,6 +282,11 @@ def test_the_status_follows_from_the_ledger(ended_by: str, outcomes: list[Outcom
     assert status_of(Finding(ended_by=ended_by), outcomes) == status
 
 
+def test_without_plants_the_tree_decides() -> None:
+    assert status_of(Finding(succeeded=True), []) == "succeeded"
+    assert status_of(Finding(succeeded=False), []) == "failed"
+
+
 def test_an_empty_feeder_is_the_reason_of_what_was_not_served(make_runner: Make) -> None:
     def script(context: Context, ticks: int) -> Status:
         for _ in range(8):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -176,7 +177,7 @@ def test_robot_that_faces_away_turns_and_arrives_by_each_planner(setting, planne
     "goal",
     [
         DriveGoal(x=np.nan, y=0.0, yaw=0.0),
-        DriveGoal(x=1.0, y=-2.0, yaw=0.0, speed=3.0),
+        DriveGoal(x=1.0, y=-2.0, yaw=0.0, speed=0.0),
         DriveGoal(x=1.0, y=-2.0, yaw=0.0, planner="tab"),
     ],
 )
@@ -185,6 +186,14 @@ def test_impossible_goal_is_rejected_before_anything_moves(setting, goal):
     with pytest.raises(GoalRejected):
         drive(machine, ctx, goal)
     assert machine.stops == 0
+
+
+def test_a_slow_base_drives_as_fast_as_it_can(setting):
+    machine, ctx = setting()
+    ctx.robot.description.base = replace(DESCRIPTION.base, max_linear=0.3)
+    speeds: list[float] = []
+    drive(machine, ctx, DriveGoal(x=-1.5, y=-0.8, yaw=0.0), lambda t: speeds.append(abs(machine.v)))
+    assert max(speeds) == pytest.approx(0.3)
 
 
 def failure(setting_result, goal: DriveGoal, on_beat=lambda t: None) -> ActionFailed:
