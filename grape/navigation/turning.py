@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from grape.errors import InvalidInput
+from grape.geometry import wrap_angle
 from grape.messages import Array
 from grape.navigation.follower import FollowerState, FollowerStep, LocalPlanner, Phase
 from grape.navigation.grid import LETHAL, Costmap, Footprint
@@ -26,6 +27,7 @@ class TurnRoomOptions:
     Args:
         drift: m per rad that the base may drift while it turns, at most `most_drift`.
         small: turns up to this need the area that the footprint sweeps, larger ones the whole disc around it.
+        least: m beside that disc within which a turn that has drifted so far is broken off.
         reach: how far forwards or back a place with room is looked for, every `spacing`.
         backwards: how much dearer a metre back is than one forwards.
         speed: m/s, acceleration: m/s² on the way there.
@@ -35,6 +37,7 @@ class TurnRoomOptions:
     drift: float = 0.18 / np.radians(40.0)
     most_drift: float = 0.25
     small: float = 0.15
+    least: float = 0.08
     reach: float = 6.0
     spacing: float = 0.05
     backwards: float = 1.3
@@ -42,8 +45,8 @@ class TurnRoomOptions:
     acceleration: float = 0.5
 
     def __post_init__(self) -> None:
-        if min(self.drift, self.most_drift, self.small) < 0 or not (self.reach >= 0 and self.spacing > 0):
-            raise InvalidInput(f"drift, small and reach must not be negative, spacing must be positive, got {self}")
+        if min(self.drift, self.most_drift, self.small, self.least, self.reach) < 0 or not self.spacing > 0:
+            raise InvalidInput(f"only spacing must be positive, and the others not negative, got {self}")
 
 
 def may_turn(costmap: Costmap, pose: Array, angle: float, options: TurnRoomOptions | None = None) -> bool:
@@ -114,7 +117,9 @@ def _disc_is_free(costmap: Costmap, centre: Array, radius: float) -> bool:
 
 
 class RoomToTurn:
-    """Any local planner, but where it would begin to turn without room, the base drives straight to where there is.
+    """Any local planner, but where it would turn without room, the base drives straight to where there is.
+
+    A turn is broken off when the base drifts out of its room, as on a slope that it slides down while it skids round.
 
     Args:
         planner: whose turns are guarded: those of its phase TURN, and commands that turn on the spot.
@@ -129,15 +134,15 @@ class RoomToTurn:
     def step(
         self, state: FollowerState, path: Path, pose: Array, twist: Array, costmap: Costmap, dt: float
     ) -> FollowerStep:
-        """See `LocalPlanner.step`; `blocked` where there is no room within reach."""
+        """See `LocalPlanner.step`; `blocked` where there is no room within reach of where a turn would begin."""
         if state.phase is Phase.MAKE_ROOM:
             return self._straight(state, path, np.asarray(pose, dtype=float), costmap, dt)
         step = self.planner.step(state, path, pose, twist, costmap, dt)
-        angle = _turn_begun(state, step, pose)
-        if angle == 0.0:
+        begun, left = _turn_begun(state, step, pose), self._left_without_room(state, step, pose, costmap)
+        if begun == left == 0.0:
             return step
-        away = room_to_turn(self.fences or costmap, pose, angle, self.options)
-        if away == 0.0:
+        away = room_to_turn(self.fences or costmap, pose, begun or left, self.options)
+        if away == 0.0 or (away is None and left):
             return step
         stopped = replace(step.state, phase=Phase.TRACK, command=(0.0, 0.0), turn_to=None)
         if away is None:
@@ -145,6 +150,17 @@ class RoomToTurn:
             return replace(step, v=0.0, w=0.0, state=stopped, blocked=True)
         target = (pose[0] + away * np.cos(pose[2]), pose[1] + away * np.sin(pose[2]), float(pose[2]))
         return replace(step, v=0.0, w=0.0, state=replace(stopped, phase=Phase.MAKE_ROOM, straight_to=target))
+
+    def _left_without_room(self, state: FollowerState, step: FollowerStep, pose: Array, costmap: Costmap) -> float:
+        """rad that are left of a turn whose room the base has drifted out of; 0 when it turns in its room or not."""
+        options = self.options
+        if state.turn_to is None or step.state.turn_to is None:
+            return 0.0
+        left = float(wrap_angle(step.state.turn_to - pose[2]))
+        radius = options.footprint.circumscribed + options.least
+        if abs(left) <= options.small or _disc_is_free(self.fences or costmap, np.asarray(pose)[:2], radius):
+            return 0.0
+        return left
 
     def _straight(self, state: FollowerState, path: Path, pose: Array, costmap: Costmap, dt: float) -> FollowerStep:
         """On the line to the place with room; heading errors are steered out, never on the spot."""
@@ -178,7 +194,7 @@ def _turn_begun(state: FollowerState, step: FollowerStep, pose: Array) -> float:
     if step.state.phase is Phase.TURN:
         if step.state.turn_to is None or state.turn_to is not None:
             return 0.0
-        return float(np.arctan2(np.sin(step.state.turn_to - pose[2]), np.cos(step.state.turn_to - pose[2])))
+        return float(wrap_angle(step.state.turn_to - pose[2]))
     on_spot = abs(step.v) < 0.02 and abs(step.w) > _SPOT_RATE and step.state.phase is Phase.TRACK
     was_on_spot = abs(state.command[0]) < 0.02 and abs(state.command[1]) > _SPOT_RATE
     return float(np.copysign(0.7, step.w)) if on_spot and not was_on_spot else 0.0

@@ -90,3 +90,27 @@ def test_wrapped_planner_without_any_room_stands_and_says_blocked():
     planner, costmap = RoomToTurn(Turner(), TurnRoomOptions(reach=3.0)), costmap_of(fence(-4.9, 4.9))
     step = planner.step(FollowerState(), path, BESIDE, np.zeros(2), costmap, 0.1)
     assert step.blocked and step.w == 0.0 and step.state.phase is Phase.TRACK
+
+
+def test_turn_that_slides_out_of_its_room_is_broken_off_and_goes_on_where_there_is_room():
+    costmap = costmap_of(fence(1.6, 4.0, -4.0, 4.0))
+    points = straight(np.zeros(2), np.array([-3.0, 0.0]), 0.05)
+    path = Path(poses=np.column_stack([points, np.full(len(points), np.pi)]))
+
+    def turned(planner) -> tuple[bool, bool]:
+        """Whether the fence was entered, and whether the base, which slides while it turns, came round."""
+        state, pose, twist = FollowerState(), np.zeros(3), np.zeros(2)
+        for _ in range(400):
+            step = planner.step(state, path, pose, twist, costmap, 0.1)
+            state, twist = step.state, np.array([step.v, step.w])
+            slide = 0.2 if abs(step.w) > 0.1 and abs(step.v) < 0.1 else 0.0
+            ahead = step.v * np.array([np.cos(pose[2]), np.sin(pose[2])]) + [slide, 0.0]
+            pose = pose + 0.1 * np.array([*ahead, 0.6 * step.w])
+            if costmap.blocked(pose[None], Footprint()).any():
+                return True, False
+            if pose[0] < -2.0:
+                break
+        return False, bool(np.cos(pose[2]) < -0.9)
+
+    assert turned(PurePursuit()) == (True, False)
+    assert turned(RoomToTurn(PurePursuit())) == (False, True)
