@@ -78,8 +78,9 @@ def run(
         bool, typer.Option("--render", help="Also take pictures from behind the robot, into render/.")
     ] = False,
 ) -> None:
-    """Run a mission in simulation and write its run folder.
+    """Run a mission and write its run folder.
 
+    In simulation, or on the drivers of a robot that the mission names.
     The folder holds report.html to look at, result.json for programs, events, pictures, and what ran.
 
     Exit codes: 0 every plant served, 1 error in the input, 2 some plants served, 3 none or a crash, 130 aborted.
@@ -131,7 +132,7 @@ def reproduce(
         Path | None, typer.Option(metavar="DIR", help="Folder; an old one goes on. Default: runs/reproduce-<row>-<n>.")
     ] = None,
 ) -> None:
-    """Run the experiment behind a row and show our figures beside those of its reference.
+    """Run the experiment behind a row, beside its reference.
 
     The folder holds reproduce.html with the plots and reproduce.json for programs.
 
@@ -149,9 +150,10 @@ def bench(
     file: Annotated[Path | None, typer.Option("--json", metavar="FILE", help="Write the figures there too.")] = None,
     html: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a page with the plots there too.")] = None,
 ) -> None:
-    """Measure how long things take beside a peer that does the same, in one run.
+    """Measure how long things take, beside peers.
 
-    Absolute figures depend on the machine; ratios hold. Exit codes: 0 it ran, 1 error in the input.
+    Each peer does the same in the same run. Absolute figures depend on the machine; ratios hold. Exit codes: 0 it
+    ran, 1 error in the input.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # threads on small matrices only cost
     from grape.proving.bench import bench_command
@@ -168,7 +170,7 @@ def filter_(
     ] = None,
     assignments: FilterAssignments = None,
 ) -> None:
-    """Estimate where a robot was from recorded readings of its sensors.
+    """Estimate where a robot was, from recorded readings.
 
     Wheels, IMU, odometry, GNSS and any other source of poses, velocities or accelerations, by one Kalman filter or a
     local and a global one. Formats: docs/filter.md. Exit codes: 0 it ran, 1 error in the input.
@@ -198,10 +200,11 @@ def map_(
     max_range: MaxRange = 25.0,
     laser: LaserWord = None,
 ) -> None:
-    """Build a map of a recorded laser log, by matching scans and closing loops.
+    """Build a map of a recorded laser log.
 
-    The folder holds map.yaml and map.pgm (the ROS map format), map.png to look at, path.csv, and map.json with the
-    error against the log's corrected poses, where it has them. Go on with `grape localize`.
+    By matching scans and closing loops. The folder holds map.yaml and map.pgm (the ROS map format), map.png to look
+    at, path.csv, and map.json with the error against the log's corrected poses, where it has them. Go on with
+    `grape localize`.
 
     Exit codes: 0 the map is written, 1 error in the input, 130 stopped (Ctrl-C).
     """
@@ -223,10 +226,10 @@ def localize(
     max_range: MaxRange = 25.0,
     laser: LaserWord = None,
 ) -> None:
-    """Find where a robot was on a map, by its recorded laser and odometry (Monte Carlo localisation).
+    """Find where a robot was on a map, by a laser log.
 
-    The folder holds localize.png to look at, path.csv, and localize.json with the error against the log's corrected
-    poses, where it has them.
+    By Monte Carlo localisation, with laser and odometry. The folder holds localize.png to look at, path.csv, and
+    localize.json with the error against the log's corrected poses, where it has them.
 
     Exit codes: 0 it found its place, 1 error in the input, 2 it was never sure of a place, 130 stopped (Ctrl-C).
     """
@@ -240,10 +243,11 @@ def localize(
 def resume(
     folder: Annotated[Path, typer.Argument(metavar="RUN", help="Run folder of a mission that was killed or aborted.")],
 ) -> None:
-    """Go on with a mission that a kill, a power cut or Ctrl-C has ended.
+    """Go on with a mission that was killed or stopped.
 
-    The robot localises again, looks what became of the plant and the dispenser it was at, and serves what is left.
-    A mission that has ended by itself stays as it is. Exit codes as of `grape run`.
+    By a kill, a power cut or Ctrl-C. The robot localises again, looks what became of the plant and the dispenser it
+    was at, and serves what is left. A mission that has ended by itself stays as it is. Exit codes as of `grape
+    run`.
     """
     from grape.mission.command import resume_command
 
@@ -252,9 +256,10 @@ def resume(
 
 @app.command("list")
 def list_() -> None:
-    """List what can be named: missions, rows to reproduce, benches, trees, robots, tasks, worlds.
+    """List what can be named.
 
-    And the nodes (actions and conditions) that trees may use, with their ports and defaults.
+    Missions, rows to reproduce, benches, trees, robots, tasks and worlds; and the nodes (actions and conditions)
+    that trees may use, with their ports and defaults.
     """
     from grape.mission.listing import print_catalog
 
