@@ -41,7 +41,7 @@ class DriveGoal:
 
     A base that is slower than `speed` drives as fast as it can.
 
-    planner: a plugin of the group `grape.local_planners`; all but the pure pursuit turn only where there is room.
+    planner: a plugin of the group `grape.local_planners`; none turns where there is no room.
     """
 
     x: float
