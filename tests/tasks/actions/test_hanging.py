@@ -202,9 +202,7 @@ def test_hand_is_lowered_straight_onto_a_spur_without_looking(
 
 
 def test_nails_stay_in_place_while_the_fingers_close_then_back_off(bench: Bench, task: SimpleNamespace) -> None:
-    target = task.put_nail(bench)
-    in_hand(bench)
-    task.at_target(bench, target)
+    target = before_a_nail(bench, task)
     begin, track = (bench.hand @ nails(bench))[:3, 3], []
     for feedback in hang_dispenser(HangDispenserGoal(target=target), bench.ctx):
         bench.advance()
@@ -223,9 +221,7 @@ def test_a_release_that_the_arm_hinders_is_completed_as_far_as_it_goes_and_left_
     bench: Bench, task: SimpleNamespace, stuck_s: float, freed: bool
 ) -> None:
     """Stuck while the fingers close, or on the way back; free again with the first failure, or never."""
-    target = task.put_nail(bench)
-    in_hand(bench)
-    task.at_target(bench, target)
+    target = before_a_nail(bench, task)
     start, begin = bench.now(), bench.hand[:3, 3]
     run = hang_dispenser(HangDispenserGoal(target=target), bench.ctx)
     for _ in run:
@@ -243,9 +239,7 @@ def test_a_release_that_the_arm_hinders_is_completed_as_far_as_it_goes_and_left_
 def test_fingers_that_do_not_close_keep_the_dispenser_and_take_it_back(
     bench: Bench, task: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    target = task.put_nail(bench)
-    in_hand(bench)
-    task.at_target(bench, target)
+    target = before_a_nail(bench, task)
     begin, closing = bench.hand[:3, 3], []
     monkeypatch.setattr(bench.fingers, "send", lambda position: position)
     with pytest.raises(ActionFailed) as failed:
@@ -265,13 +259,19 @@ def test_fingers_that_do_not_close_keep_the_dispenser_and_take_it_back(
 def test_fingers_that_tell_nothing_do_not_hinder_a_release(
     bench: Bench, task: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    target = task.put_nail(bench)
-    in_hand(bench)
-    task.at_target(bench, target)
+    target = before_a_nail(bench, task)
     told = bench.fingers.latest()
     monkeypatch.setattr(bench.fingers, "latest", lambda max_age_s=None: told)
     bench.run(hang_dispenser(HangDispenserGoal(target=target), bench.ctx))
     assert bench.ledger.dispensers()["n0"] == 1
+
+
+def before_a_nail(bench: Bench, task: SimpleNamespace) -> HangTarget:
+    """A nail, and the hand there with a dispenser to put on it."""
+    target: HangTarget = task.put_nail(bench)
+    in_hand(bench)
+    task.at_target(bench, target)
+    return target
 
 
 def hung_at(bench: Bench, target: HangTarget) -> None:
