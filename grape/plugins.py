@@ -50,6 +50,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "G13-hanging": "grape.experiments.deployments:G13",
             "G14": "grape.experiments.deployments:G14",
             "G15": "grape.experiments.deployments:G15",
+            "G19": "grape.experiments.deployments:G19",
             "B1": "grape.experiments.base_placement:EXPERIMENT",
             "K1": "grape.experiments.kill_resume:EXPERIMENT",
             "S1": "grape.experiments.soak:EXPERIMENT",
