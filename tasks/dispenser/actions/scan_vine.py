@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.hand_path import follow_hand_path
+from grape.actions.hand_path import HandPathOptions, follow_hand_path
 from grape.actions.move_arm import move_to_pose
 from grape.actions.servoing import camera_mount
 from grape.errors import ActionFailed, Reason, StaleData
@@ -88,7 +88,8 @@ def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, Sca
         )
         path = path if begin == 0 else path.backwards()
         collector = _Collector(ctx, goal.images)
-        motion = follow_hand_path(ctx, arm, path.at, path.times[-1], status="scanning")
+        options = HandPathOptions(legs=path.times[1:])
+        motion = follow_hand_path(ctx, arm, path.at, path.times[-1], status="scanning", options=options)
         try:
             while True:
                 feedback = next(motion)
