@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.hand_path import follow_hand_path, straight
+from grape.actions.hand_path import HandPathOptions, follow_hand_path, straight
 from grape.actions.move_arm import move_to_pose
 from grape.actions.servoing import camera_mount
 from grape.drivers import ArmDriver
@@ -157,7 +157,10 @@ def _until_wood(
         The path's time at which something is ahead, or None at its end.
     """
     end = path.times[-1]
-    motion = follow_hand_path(ctx, arm, lambda t: raised(path.at(start + t), lift), end - start, status="scanning")
+    options = HandPathOptions(legs=tuple(t - start for t in path.times if t > start))
+    motion = follow_hand_path(
+        ctx, arm, lambda t: raised(path.at(start + t), lift), end - start, status="scanning", options=options
+    )
     for feedback in motion:
         t = start + (feedback.progress or 0.0) * (end - start)
         progress = done + (1.0 - done) * t / end

@@ -100,6 +100,20 @@ def test_sweep_gathers_scans_and_frames_in_base_link(bench: Bench) -> None:
     assert bench.ctx.arm.owner is None and bench.log.last("scan")["plant"] == "n0"
 
 
+def test_a_sweep_that_leads_away_from_its_end_is_broken_off(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    send, backwards = bench.arm.send, [False]
+    monkeypatch.setattr(bench.arm, "send", lambda velocity: send(-velocity if backwards[0] else velocity))
+
+    def watched():
+        for feedback in scan_vine(SHORT, bench.ctx):
+            backwards[0] = feedback.status == "scanning" and (feedback.progress or 0.0) > 0.3
+            yield feedback
+
+    failure = bench.failure(watched())
+    assert failure.reason is Reason.DISTANCE_GROWS
+    assert not bench.arm.velocity.any() and bench.ctx.arm.owner is None
+
+
 def test_the_way_back_looks_farther_down(bench: Bench) -> None:
     goal = ScanVineGoal(plant="n0", half_length_m=0.10)
     scan = bench.run(scan_vine(goal, bench.ctx)).scan
