@@ -129,9 +129,9 @@ def _geoms_of(model: mujoco.MjModel, bodies: Array) -> tuple[Array, Array]:
 
 
 def _standing_boxes(model: mujoco.MjModel, data: mujoco.MjData, geoms: Array) -> Array:
-    """Boxes (n, 6) m of geoms that do not move: lower corner, upper corner."""
+    """Boxes (n, 6) m, lower and upper corner, around geoms that do not move, `MARGIN_M` wider."""
     R_map_geom = data.geom_xmat[geoms].reshape(-1, 3, 3)
     centre, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
     centre = data.geom_xpos[geoms] + np.einsum("nij,nj->ni", R_map_geom, centre)
-    half = np.einsum("nij,nj->ni", np.abs(R_map_geom), half)
+    half = np.einsum("nij,nj->ni", np.abs(R_map_geom), half) + MARGIN_M
     return np.hstack([centre - half, centre + half])
