@@ -85,7 +85,7 @@ def reach_margins(
         (arm.placements, arm.axes, arm.position_min, arm.position_max),
         lines,
         np.array([*seeds, *scattered_postures(arm, options.seeds)]),
-        (packed(body, field.grid), field.distance),
+        (packed(body, field), field.distance),
         options.padding_m,
         ROTATION_WEIGHT,
         options.sigma_full,
