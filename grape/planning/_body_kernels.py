@@ -16,7 +16,7 @@ COUNTS, GRID, AROUND, HULL, CHAIN = 0, 1, 2, 3, 4  # rows: counts, distance fiel
 # and the base of the arm, which the joints follow
 BEGIN = 12  # of a joint, behind its placement: its first capsule and that of the next joint
 FIRST, LAST, HALF, PER_METRE, RADIUS, PER_STEP, START, STEP = 0, 1, 2, 3, 4, 5, 6, 9  # of a capsule, see `packed`
-CENTER, ALONG, MIDDLE, COLUMNS = 12, 15, 18, 21  # of a placed one: its first centre, the step to the next, its middle
+CENTER, ALONG, MIDDLE = 12, 15, 18  # of a placed capsule: its first centre, the step to the next one, its middle
 SLACK = 1e-9  # m, far more than what rounding costs
 
 

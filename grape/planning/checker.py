@@ -150,8 +150,6 @@ class StateChecker:
 
 def packed(model: SphereModel, field: DistanceField) -> Array:
     """Everything but the distances in one table for the kernels; `_body_kernels` says what stands in its rows."""
-    from grape.planning._body_kernels import COLUMNS
-
     capsules = _capsule_columns(model)
     first = np.searchsorted([capsule.joint for capsule in model.capsules], np.arange(model.joint_count + 2))
     joints = np.concatenate([np.eye(4)[None, :3], model.placements[:, :3]]).reshape(-1, 12)
@@ -159,14 +157,19 @@ def packed(model: SphereModel, field: DistanceField) -> Array:
     boxes = model.box_table if len(model.box_table) else np.zeros((1, 6))
     low, high = (boxes[:, :3] - boxes[:, 3:]).min(axis=0), (boxes[:, :3] + boxes[:, 3:]).max(axis=0)
     half = 0.5 * field.voxel_m * np.array(field.distance.shape)
-    rows = [
+    parts = (
         [[model.joint_count, len(capsules), len(pairs), len(model.box_table), len(model.spheres)]], [field.grid],
         [[*(field.origin - 0.5 * field.voxel_m + half), *half]], [[*(0.5 * (low + high)), *(0.5 * (high - low))]],
-        np.column_stack([joints, first[:-1], first[1:]]), capsules, np.column_stack([pairs, model.capsule_pairs[:, 4]]),
-        model.box_table.T, model.box_mask, np.zeros((len(capsules), int(np.ptp(capsules[:, :2], axis=1).max()) + 1)),
-    ]  # fmt: skip
-    width = max(COLUMNS, *(np.shape(part)[1] for part in rows))
-    return np.vstack([np.pad(np.asarray(part, float), ((0, 0), (0, width - np.shape(part)[1]))) for part in rows])
+        np.column_stack([joints, first[:-1], first[1:]]), np.column_stack([capsules, np.zeros((len(capsules), 9))]),
+        np.column_stack([pairs, model.capsule_pairs[:, 4]]), model.box_table.T, model.box_mask,
+        np.zeros((len(capsules), int(np.ptp(capsules[:, :2], axis=1).max()) + 1)),
+    )  # fmt: skip
+    shapes = [np.shape(part) for part in parts]
+    table, row = np.zeros((sum(height for height, _ in shapes), max(width for _, width in shapes))), 0
+    for part, (height, width) in zip(parts, shapes, strict=True):
+        table[row : row + height, :width] = part
+        row += height
+    return table
 
 
 def _capsule_columns(model: SphereModel) -> Array:
