@@ -12,8 +12,8 @@ import numpy as np
 
 from grape.planning._compiled import inlined, uncounted
 
-COUNTS, GRID, AROUND, HULL, CHAIN = 0, 1, 2, 3, 4  # rows: counts, distance field, boxes about it and about all boxes,
-# and the base of the arm, which the joints follow
+COUNTS, PADDINGS, GRID, AROUND, HULL, CHAIN = 0, 1, 2, 3, 4, 5  # rows: counts, paddings, distance field, the boxes
+# about it and about all boxes, and the base of the arm, which the joints follow
 BEGIN = 12  # of a joint, behind its placement: its first capsule and that of the next joint
 FIRST, LAST, HALF, PER_METRE, RADIUS, PER_STEP, START, STEP = 0, 1, 2, 3, 4, 5, 6, 9  # of a capsule, see `packed`
 CENTER, ALONG, MIDDLE = 12, 15, 18  # of a placed capsule: its first centre, the step to the next one, its middle
@@ -185,10 +185,19 @@ def box_distance(x, y, z, arm, at, b):
 
 @inlined
 def near_pair(k, arm, at, padding):
-    """Whether the balls about the two capsules of pair `k` are nearer than the padding."""
+    """Whether the ball about the second capsule of pair `k` is nearer than the padding to the first: to the ball about
+    it, and then to itself."""
     row = at.pair + k
-    (ax, ay, az), (bx, by, bz) = middle(arm, at, int(arm[row, 0])), middle(arm, at, int(arm[row, 1]))
-    return (ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2 < _squared(arm[row, 2] + padding + SLACK)
+    a, b = int(arm[row, 0]), int(arm[row, 1])
+    (ax, ay, az), (bx, by, bz) = middle(arm, at, a), middle(arm, at, b)
+    if (ax - bx) ** 2 + (ay - by) ** 2 + (az - bz) ** 2 >= _squared(arm[row, 2] + padding + SLACK):
+        return False
+    own = at.capsule + a
+    x, y, z = bx - arm[own, CENTER], by - arm[own, CENTER + 1], bz - arm[own, CENTER + 2]
+    along = x * arm[own, ALONG] + y * arm[own, ALONG + 1] + z * arm[own, ALONG + 2]
+    steps = min(max(along * arm[own, PER_STEP], 0.0), arm[own, LAST] - arm[own, FIRST])
+    x, y, z = x - steps * arm[own, ALONG], y - steps * arm[own, ALONG + 1], z - steps * arm[own, ALONG + 2]
+    return x * x + y * y + z * z < _squared(arm[own, RADIUS] + arm[at.capsule + b, HALF] + padding + SLACK)
 
 
 @inlined

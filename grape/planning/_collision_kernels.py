@@ -13,6 +13,7 @@ from grape.planning._body_kernels import (
     HALF,
     HULL,
     LAST,
+    PADDINGS,
     PER_METRE,
     RADIUS,
     box_clearance,
@@ -116,22 +117,22 @@ def _grid(arm):
 
 
 @njit(cache=True)
-def least_clearance(q, arm, field, padding, self_padding):
+def least_clearance(q, arm, field):
     """(clearance m, kind, sphere, other) at one state."""
     at = places(arm)
     place(q, arm, at)
-    return _least_clearance(arm, at, field, padding, self_padding, arm[GRID, 4], -np.inf)
+    return _least_clearance(arm, at, field, arm[PADDINGS, 0], arm[PADDINGS, 1], arm[GRID, 4], -np.inf)
 
 
 @njit(cache=True)
-def state_valid(q, arm, field, padding, self_padding):
+def state_valid(q, arm, field):
     """Whether nothing is nearer than the paddings."""
-    return _state_valid(q, arm, places(arm), field, padding, self_padding)
+    return _state_valid(q, arm, places(arm), field, arm[PADDINGS, 0], arm[PADDINGS, 1])
 
 
 @uncounted
 def _state_valid(q, arm, at, field, padding, self_padding):
-    """As `state_valid`: only what the balls about the capsules leave open is looked at closer."""
+    """Whether nothing is nearer than these paddings; what balls about the capsules rule out is not looked at closer."""
     place(q, arm, at)
     for k in range(at.pairs):
         if near_pair(k, arm, at, self_padding) and pair_clearance(k, arm, at, self_padding, 0.0, 0.0, np.inf)[0] < 0.0:

@@ -80,14 +80,14 @@ class StateChecker:
         self.field = field or empty_field()
         self.options = options or CheckerOptions()
         self._shape = (model.joint_count,)
-        paddings = self.options.padding_m, self.options.self_padding_m
-        self._world = (packed(model, self.field), self.field.distance, *paddings)  # as the kernels take it
+        self._arm = packed(model, self.field, self.options)
+        self._distance = self.field.distance
         self.checked = 0  # states looked at since the start, a measure of work that no clock disturbs
 
     def is_valid(self, q: Array) -> bool:
         """Whether nothing is nearer than the paddings at joint angles `q` (n,) rad."""
         self.checked += 1
-        return _kernels().state_valid(self._joints(q), *self._world)
+        return _kernels().state_valid(self._joints(q), self._arm, self._distance)
 
     def clearance(self, q: Array) -> float:
         """What is left of the smallest gap after the padding, m; negative when too near, at most the field's reach."""
@@ -108,7 +108,7 @@ class StateChecker:
 
     def sphere_centers(self, q: Array) -> Array:
         """(m, 3) m, centres of the model's spheres in the base frame at joint angles `q` (n,) rad."""
-        return _kernels().sphere_centers(self._joints(q), self._world[0])
+        return _kernels().sphere_centers(self._joints(q), self._arm)
 
     def edge_valid(self, q0: Array, q1: Array) -> bool:
         """Whether the straight joint motion from `q0` to `q1`, both (n,) rad, keeps the paddings all along."""
@@ -124,18 +124,17 @@ class StateChecker:
 
     def _least(self, q: Array) -> tuple[float, int, int, int]:
         self.checked += 1
-        return _kernels().least_clearance(self._joints(q), *self._world)
+        return _kernels().least_clearance(self._joints(q), self._arm, self._distance)
 
     def _edge(self, q0: Array, q1: Array, padding: float) -> bool:
-        arm, distance, _, self_padding = self._world
         valid, checked = _kernels().edge_valid(
             self._joints(q0),
             self._joints(q1),
             self.model.reach,
-            arm,
-            distance,
+            self._arm,
+            self._distance,
             padding,
-            self_padding,
+            self.options.self_padding_m,
             self.options.least_step_m,
         )
         self.checked += checked
@@ -148,7 +147,7 @@ class StateChecker:
         return q
 
 
-def packed(model: SphereModel, field: DistanceField) -> Array:
+def packed(model: SphereModel, field: DistanceField, options: CheckerOptions) -> Array:
     """Everything but the distances in one table for the kernels; `_body_kernels` says what stands in its rows."""
     capsules = _capsule_columns(model)
     first = np.searchsorted([capsule.joint for capsule in model.capsules], np.arange(model.joint_count + 2))
@@ -158,7 +157,8 @@ def packed(model: SphereModel, field: DistanceField) -> Array:
     low, high = (boxes[:, :3] - boxes[:, 3:]).min(axis=0), (boxes[:, :3] + boxes[:, 3:]).max(axis=0)
     half = 0.5 * field.voxel_m * np.array(field.distance.shape)
     parts = (
-        [[model.joint_count, len(capsules), len(pairs), len(model.box_table), len(model.spheres)]], [field.grid],
+        [[model.joint_count, len(capsules), len(pairs), len(model.box_table), len(model.spheres)]],
+        [[options.padding_m, options.self_padding_m]], [field.grid],
         [[*(field.origin - 0.5 * field.voxel_m + half), *half]], [[*(0.5 * (low + high)), *(0.5 * (high - low))]],
         np.column_stack([joints, first[:-1], first[1:]]), np.column_stack([capsules, np.zeros((len(capsules), 9))]),
         np.column_stack([pairs, model.capsule_pairs[:, 4]]), model.box_table.T, model.box_mask,

@@ -190,19 +190,14 @@ def test_a_valid_edge_has_only_valid_states(model, field, states):
 
 
 def test_a_valid_edge_is_nowhere_deeper_than_a_step(model, field, states):
-    from grape.planning import _collision_kernels as kernels
-    from grape.planning.checker import packed
-
     checker = StateChecker(model, field)
+    deeper = StateChecker(model, field, CheckerOptions(padding_m=0.0, self_padding_m=-0.01))
     good = [q for q in states if checker.is_valid(q)]
     edges = [(a, a + 0.3 * (b - a)) for a, b in pairwise(good)]
     found = [checker.edge_valid(a, b) for a, b in edges]
     assert 5 < sum(found) < len(found) - 5
     for (a, b), valid in zip(edges, found, strict=True):
-        deep = any(
-            not kernels.state_valid(a + t * (b - a), packed(model, field), field.distance, 0.0, -0.01)
-            for t in np.linspace(0.0, 1.0, 41)
-        )
+        deep = any(not deeper.is_valid(a + t * (b - a)) for t in np.linspace(0.0, 1.0, 41))
         assert not (valid and deep)
 
 
