@@ -123,7 +123,7 @@ def box_clearance(c, arm, at, padding, best, stop, close):
     if bound >= min(best, close):
         return min(best, bound), first, second
     best = min(best, close)
-    near, count = _squared(arm[own, HALF] + padding + best), 0
+    near, count = _squared(arm[own, HALF] + padding + best), 0  # in lanes, mostly 0
     for b in range(at.boxes):
         count += _outside_box(x, y, z, arm, at, b) <= near and arm[at.mask + c, b] != 0.0
     if count == 0:

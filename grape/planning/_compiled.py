@@ -10,7 +10,7 @@ from typing import Any
 
 from numba import njit
 
-_UNCOUNTED: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}  # allocates nothing
+_UNCOUNTED: dict[str, Any] = {"cache": True, "error_model": "numpy", "_nrt": False}  # they allocate nothing
 
 uncounted = njit(**_UNCOUNTED)
 inlined = njit(**_UNCOUNTED, forceinline=True)
