@@ -73,6 +73,9 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["run", "--world", "nowhere.yaml"], "cannot be read"),
         (["run", "--robot", "robi_jaco"], "did you mean 'robi_jaco2'?"),
         (["render", "--robot", "huski_jaco2", "vineyard"], "did you mean 'husky_jaco2'?"),
+        (["render", "vineyard", "--out", "/dev/null/pictures"], "/dev/null is no folder"),
+        (["run", "--out", "/dev/null"], "--out /dev/null: it exists and is no folder"),
+        (["bench", "navigation", "--html", "/dev"], "it is a folder; name a file"),
     ],
 )
 def test_wrong_input_exits_with_1_and_no_traceback(

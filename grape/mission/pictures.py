@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from grape.errors import FileError, Problem, did_you_mean
+from grape.folders import refuse_unwritable_folder
 from grape.mission.catalog import missions, robot_description, world_type, worlds
 from grape.mission.file import Mission, load_mission
 
@@ -16,8 +17,9 @@ def render_scene(subject: str, out: Path, seed: int | None, assignments: list[st
     """Write pictures of a mission's world, or of a world file; returns their paths.
 
     Raises:
-        GrapeError: the input has problems.
+        GrapeError: the input has problems, or `out` cannot be written.
     """
+    refuse_unwritable_folder(out)
     overrides = [*assignments, *([f"seed={seed}"] if seed is not None else [])]
     return _take(_mission_of(subject, overrides), out)
 
