@@ -22,8 +22,9 @@ from grape.mission.ledger import SqliteLedger
 from grape.mission.lock import RunLock
 from grape.mission.progress import Progress
 from grape.mission.real import connected, resumed_at
-from grape.mission.record import read_events, read_json, write_atomic
+from grape.mission.record import read_events, write_atomic
 from grape.mission.result import build_result, write_result
+from grape.mission.result_file import read_result
 from grape.mission.runner import Backend, Runner
 from grape.mission.track import csv_of
 from grape.site import save_site
@@ -230,7 +231,7 @@ def ended_result(folder: Path) -> dict[str, Any] | None:
     path = folder / "result.json"
     if not path.exists():
         return None
-    result = read_json(path, ("ended_by", "status"))
+    result = read_result(path)
     return None if result["ended_by"] == "aborted" else result
 
 
