@@ -111,10 +111,10 @@ class Problem:
 
 
 class FileError(GrapeError):
-    """Files that users wrote have problems; all of them are listed at once."""
+    """A file that users wrote has problems; all of them are listed at once, of very many the first."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
-        self.problems = tuple(sorted(problems))
+        self.problems = tuple(sorted(problems)[:MOST_PROBLEMS])
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 
