@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, TypeGuard
@@ -160,13 +161,13 @@ def _shape(type_: str, points: list[tuple[float, float]], at: Key, report: Repor
         report.add(at, f"the ring has {len(set(points))} different positions", "at least 3 different ones")
     elif type_ == "Polygon" and len(points) > MOST_CORNERS:
         report.add(at, f"a ring of {len(points)} positions", f"at most {MOST_CORNERS}")
-    elif type_ == "Polygon" and _crosses_itself(points):
+    elif type_ == "Polygon" and crosses_itself(points):
         report.add(at, "the ring crosses itself, so what is inside is not known", "a ring whose sides do not cross")
     if type_ == "LineString" and any(a == b for a, b in pairwise(points)):
         report.add(at, "two neighbouring positions are equal", "a line whose positions differ")
 
 
-def _crosses_itself(ring: list[tuple[float, float]]) -> bool:
+def crosses_itself(ring: Sequence[Sequence[float]] | Array) -> bool:
     """Whether two sides of a closed ring cross; sides that only touch do not."""
     corners = np.array(ring) - ring[0]  # near zero: differences of degrees are small
     starts, ends = corners[:-1], corners[1:]
