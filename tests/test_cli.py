@@ -123,7 +123,11 @@ def test_check_refuses_a_model_that_would_never_be_built(
     assert f"{model}: <" in err and "too many elements; allowed: at most 50000 with all copies" in err
 
 
-def test_check_accepts_what_is_built_in(capsys: pytest.CaptureFixture[str]) -> None:
+def test_check_accepts_what_is_built_in(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "husky_jaco2").mkdir()  # a folder of that name is not meant
     code, out, err = grape_command(capsys, "check", "dispenser_deployment", "husky_jaco2", "robi_jaco2")
     assert (code, err) == (0, "")
     assert "husky_jaco2: ok, robot husky_jaco2" in out and "robi_jaco2: ok, robot robi_jaco2" in out

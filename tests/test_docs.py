@@ -121,7 +121,7 @@ def test_every_command_in_a_block_is_accepted(
     monkeypatch.setattr("grape.laser_logs.localize_command.localize_command", no_map)
     monkeypatch.setattr("grape.mission.command.run_command", dry_run)
     monkeypatch.setattr("grape.mission.command.resume_command", no_resume)
-    monkeypatch.setattr("grape.mission.pictures._take", lambda mission, out: [])
+    monkeypatch.setattr("grape.mission.pictures._take", lambda *given: [])
     monkeypatch.setattr("grape.campaign.command.run_jobs", lambda jobs, *rest: Standing(jobs=jobs))
     nothing = Experiment(row="G8", summary="", seeds=range(1), run=lambda *given: Proof(quantities=()))
     monkeypatch.setattr("grape.proving.reproduce.experiment_of", lambda row: nothing)
