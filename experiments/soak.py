@@ -110,6 +110,7 @@ def tour(site: Site) -> str:
     tree = ElementTree.SubElement(root, "BehaviorTree", ID="Tour")
     whole = ElementTree.SubElement(tree, "Sequence")
     ElementTree.SubElement(whole, "WaitForLocalization", timeout_s="60")
+    ElementTree.SubElement(whole, "TakePicture", label="start")  # the first picture loads the renderer
     again = ElementTree.SubElement(ElementTree.SubElement(whole, "KeepRunningUntilFailure"), "Sequence")
     for x, y, yaw in goals(site):
         one = ElementTree.SubElement(again, "ForceSuccess")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from grape.actions.core import Context, Feedback
+from grape.control.approach import ApproachWatch
 from grape.control.differential_ik import DifferentialIk
 from grape.drivers import ArmDriver, GripperDriver
 from grape.errors import ActionFailed, Reason
@@ -34,6 +35,7 @@ class HandPathOptions:
         tolerance_m, tolerance_rad: largest error on the way before the motion is given up.
         settle_s: time to come to rest at the end.
         calibrated: the path is meant for `calibrated_joints`.
+        legs: s, the times at which straight parts of the path end, rising; on each the distance to its end must shrink.
     """
 
     gain: float = 4.0
@@ -41,6 +43,7 @@ class HandPathOptions:
     tolerance_rad: float = 0.25
     settle_s: float = 0.2
     calibrated: bool = False
+    legs: tuple[float, ...] = ()
 
 
 def smooth_step(s: float) -> float:
@@ -102,11 +105,13 @@ def follow_hand_path(
         (6,) the last pose error, m and rad.
 
     Raises:
-        ActionFailed: TRACKING_ERROR when the hand falls behind by more than the tolerance, or cannot go on.
+        ActionFailed: TRACKING_ERROR when the hand falls behind by more than the tolerance, or cannot go on;
+            DISTANCE_GROWS when it moves away from the end of a leg.
         FingersStuck: the fingers fall behind, by what they tell; fingers that tell nothing are believed.
     """
     options = options or HandPathOptions()
     solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.velocity_max)
+    legs = _Legs(pose_at, options.legs)
     begin = last = ctx.clock.now()
     t, scale, arrived = 0.0, 1.0, begin  # time along the path, its present share of the clock's, when it was at its end
     while True:
@@ -116,7 +121,9 @@ def follow_hand_path(
         last = now
         q = calibrated_joints(ctx) if options.calibrated else ctx.world.joints()
         T_now, T_next = pose_at(t), pose_at(min(t + BEAT_S, duration_s))
-        error = pose_error(T_now, ctx.robot.hand_pose(q))
+        T_hand = ctx.robot.hand_pose(q)
+        legs.observe(t, T_hand[:3, 3])
+        error = pose_error(T_now, T_hand)
         _check_tracking(error, options, status)
         if t < duration_s and now - begin > SLOWEST * duration_s:
             raise ActionFailed(
@@ -131,6 +138,23 @@ def follow_hand_path(
         if t >= duration_s and now - arrived >= options.settle_s:
             return error
         yield Feedback(status=status, progress=t / duration_s if duration_s > 0 else 1.0)
+
+
+class _Legs:
+    """The straight parts of a path: the hand must come nearer to the end of the one it is on."""
+
+    def __init__(self, pose_at: Callable[[float], Array], ends: Sequence[float]) -> None:
+        self._ahead = [(t, pose_at(t)[:3, 3]) for t in ends]
+        self._watch: ApproachWatch | None = None
+
+    def observe(self, t: float, p: Array) -> None:
+        """Look at a hand that is at `p` (3,) m at the path's time `t`; the last leg lasts until the motion ends."""
+        if len(self._ahead) > 1 and t >= self._ahead[0][0]:
+            del self._ahead[0]
+            self._watch = None
+        if self._ahead:
+            self._watch = self._watch or ApproachWatch(p, self._ahead[0][1])
+            self._watch.observe(p)
 
 
 def _check_tracking(error: Array, options: HandPathOptions, status: str) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grape.control.approach import ApproachWatch
 from grape.control.differential_ik import DifferentialIk
 from grape.errors import ActionFailed, InvalidInput, Reason
 from grape.geometry import is_pose, rotation_log
@@ -84,7 +85,8 @@ class LinearMotion:
         self.length = float(np.linalg.norm(target - self._start))
         self._direction = (target - self._start) / max(self.length, 1e-9)
         self._s, self._speed, self._scale = 0.0, 0.0, 1.0  # m and m/s along the line; share of it that was possible
-        self._least, self._still_s = self.length, 0.0
+        self._approach = ApproachWatch(self._start, target, self.options.grace_m, self.options.growth_max_m)
+        self._still_s = 0.0
 
     def step(self, q: Array, dt: float) -> LinearMotionStep:
         """The command for measured joint angles `q` (n,) rad, `dt` seconds after the last one.
@@ -93,8 +95,7 @@ class LinearMotion:
             ActionFailed: DISTANCE_GROWS when the hand moves away from the target, UNREACHABLE when it does not move on.
         """
         T = self._solver.arm.fk(q)
-        distance = float(np.linalg.norm(self._target - T[:3, 3]))
-        self._watch(distance, float(np.linalg.norm(T[:3, 3] - self._start)), dt)
+        distance = self._watch(T[:3, 3], dt)
         progress = 1.0 if self.length < 1e-9 else float(np.clip(1.0 - distance / self.length, 0.0, 1.0))
         if self._s >= self.length - 1e-9 and distance < self.options.stop_distance_m:
             rest = np.zeros_like(np.asarray(q, float))
@@ -104,18 +105,14 @@ class LinearMotion:
         self._scale = command.scale
         return LinearMotionStep(velocity=command.velocity, distance_m=distance, progress=progress, done=False)
 
-    def _watch(self, distance: float, travelled: float, dt: float) -> None:
-        """Abort rules: growing distance, or none of it gained."""
-        options = self.options
-        self._still_s = 0.0 if distance < self._least - 5e-4 else self._still_s + dt
-        self._least = min(self._least, distance)
-        if travelled > options.grace_m and distance > self._least + options.growth_max_m:
-            raise ActionFailed(
-                Reason.DISTANCE_GROWS,
-                f"{distance * 1e3:.1f} mm from the target after {self._least * 1e3:.1f} mm were reached",
-            )
-        if self._still_s > options.stall_s and distance >= options.stop_distance_m:
+    def _watch(self, p: Array, dt: float) -> float:
+        """The distance left (m) of a hand at `p`; abort rules: growing distance, or none of it gained."""
+        least = self._approach.least_m
+        distance = self._approach.observe(p)
+        self._still_s = 0.0 if distance < least - 5e-4 else self._still_s + dt
+        if self._still_s > self.options.stall_s and distance >= self.options.stop_distance_m:
             raise ActionFailed(Reason.UNREACHABLE, f"the hand stays {distance * 1e3:.1f} mm from the target")
+        return distance
 
     def _advance(self, T: Array, dt: float) -> None:
         """Move the set-point by the trapezoidal profile, as far as the arm followed."""

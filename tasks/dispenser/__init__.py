@@ -7,6 +7,7 @@ from grape.actions.drive_to_pose import drive_to_pose
 from grape.actions.move_arm import move_arm_to_named
 from grape.actions.recoveries import back_off, leave_fence, turn, wait
 from grape.actions.retract import retract
+from grape.actions.take_picture import take_picture
 from grape.actions.unwind import unwind
 from grape.actions.wait_for_localization import wait_for_localization
 from grape.plugins import Task
@@ -80,6 +81,7 @@ TASK = Task(
         servo_to_spur,
         settle_account,
         skip_plants,
+        take_picture,
         turn,
         unwind,
         wait,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from paper_robot import Bench
 
-from grape.actions.hand_path import follow_hand_path, smooth_step, straight
+from grape.actions.hand_path import HandPathOptions, follow_hand_path, smooth_step, straight
 from grape.actions.move_arm import (
     PATIENCE_S,
     MoveArmToNamedGoal,
@@ -268,6 +268,33 @@ def test_hand_path_with_a_stuck_arm_is_given_up(bench: Bench) -> None:
     assert failure.reason is Reason.TRACKING_ERROR and "mm" in failure.detail
     assert bench.now() - start < 1.5
     held(bench)
+
+
+@pytest.mark.parametrize(("legs", "reason"), [((1.0, 2.0), None), ((2.0,), Reason.DISTANCE_GROWS)])
+def test_on_each_leg_the_hand_must_come_nearer_to_its_end(
+    bench: Bench, legs: tuple[float, ...], reason: Reason | None
+) -> None:
+    bench.put_hand(AHEAD)
+    forth = straight(AHEAD, AHEAD @ pose(None, (0.0, 0.0, -0.1)), 1.0)
+    farthest = [0.0]
+
+    def go():
+        with bench.ctx.arm.lease("test") as arm:
+            motion = follow_hand_path(
+                bench.ctx, arm, lambda t: forth(min(t, 2.0 - t)), 2.0, status="to and fro",
+                options=HandPathOptions(legs=legs),
+            )  # fmt: skip
+            for feedback in motion:
+                farthest.append(float(np.linalg.norm(bench.hand[:3, 3] - AHEAD[:3, 3])))
+                yield feedback
+
+    if reason is None:
+        bench.run(go())
+        assert max(farthest) > 0.09 and farthest[-1] < 0.003
+    else:
+        assert bench.failure(go()).reason is reason
+        assert max(farthest) < 0.035, "after the first 2.5 cm it is not far"
+        held(bench)
 
 
 def test_smooth_step_starts_and_ends_at_rest() -> None:

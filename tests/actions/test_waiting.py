@@ -1,4 +1,4 @@
-"""Waiting for a pose, for camera frames, and letting frames vote."""
+"""Waiting for a pose, for camera frames, keeping one, and letting frames vote."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import pytest
 from paper_robot import Bench
 
 from grape.actions.looking import next_image, vote
+from grape.actions.take_picture import TakePictureGoal, take_picture
 from grape.actions.wait_for_localization import WaitForLocalizationGoal, wait_for_localization
 from grape.errors import Reason
 
@@ -52,6 +53,18 @@ def test_camera_that_stops_is_stale(bench: Bench, fault: str) -> None:
     failure = bench.failure(next_image(bench.ctx, start, status="looking", timeout_s=1.0))
     assert failure.reason is Reason.STALE_DATA and failure.detail.startswith("looking")
     assert bench.now() - start == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_picture_is_a_new_one_and_kept_by_its_label(bench: Bench) -> None:
+    asked = bench.now()
+    bench.run(take_picture(TakePictureGoal(label="post"), bench.ctx))
+    assert bench.log.pictures == ["post"] and bench.now() > asked
+
+
+def test_a_picture_needs_a_camera_that_shows_something(bench: Bench) -> None:
+    bench.camera.silent = True
+    failure = bench.failure(take_picture(TakePictureGoal(timeout_s=1.0), bench.ctx))
+    assert failure.reason is Reason.STALE_DATA and not bench.log.pictures
 
 
 def answers(*values: bool):

@@ -140,6 +140,7 @@ CASES = {
     "ServoToSpur": Case(before_spur, ("arm",)),
     "SettleAccount": Case(holding),
     "SkipPlants": Case(lambda bench, task: {"why": "refill_timeout"}),
+    "TakePicture": Case(nothing),
     "Turn": Case(lambda bench, task: {"angle": 1.0}, ("base",)),
     "Unwind": Case(wound, ("arm",)),
     "Wait": Case(nothing, ("base",)),
