@@ -30,7 +30,7 @@ def _mission_of(subject: str, overrides: list[str]) -> tuple[Mission, str]:
 
     path = Path(subject)
     if subject in worlds():
-        return load_mission(DEFAULT, ["plants=null", ANY_PLANT, f"world.type={subject}", *overrides]), subject
+        return load_mission(DEFAULT, ["plants=null", ANY_PLANT, f"world={{type: {subject}}}", *overrides]), subject
     is_site = path.suffix in (".geojson", ".json")
     is_world = path.suffix in (".yaml", ".yml") and subject not in missions() and path.is_file()
     if is_site or (is_world and "type" in load_yaml(path).data):

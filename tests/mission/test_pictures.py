@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
+from grape import plugins
 from grape.mission import pictures
 
 
@@ -17,3 +19,20 @@ def test_pictures_are_called_after_what_they_show(tmp_path: Path, monkeypatch: p
     for subject in ("vineyard", str(world), "dispenser_deployment"):
         pictures.render_scene(subject, tmp_path, None, [])
     assert shown == ["vineyard", "slope", "dispenser_deployment"]
+
+
+def test_a_world_of_another_package_is_shown_with_its_own_options(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "short_yards.py").write_text(
+        "from dataclasses import dataclass\n"
+        "from grape.plugins import WorldType\n"
+        "from grape.sim.worlds import VINEYARD, VineyardOptions\n"
+        "@dataclass(frozen=True)\nclass Options:\n    seed: int = 0\n"
+        "WORLD = WorldType(options=Options, site=lambda o: VINEYARD.site(VineyardOptions(rows=1)), grow=None)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    entry = EntryPoint(name="short_yard", value="short_yards:WORLD", group=plugins.WORLDS)
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [entry] if group == entry.group else [])
+    monkeypatch.setattr(pictures, "_take", lambda mission, name, out: [f"{name} {len(mission.site.rows)}"])
+    assert pictures.render_scene("short_yard", tmp_path, None, []) == ["short_yard 1"]
