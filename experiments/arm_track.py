@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar, cast
 
@@ -88,7 +88,7 @@ def bend_m(points: Array) -> float:
     return float(off_line_m(points, middle, middle + along).max())
 
 
-def turned_rad(rotations: Sequence[Array], R_held: Array) -> float:
+def turned_rad(rotations: Iterable[Array], R_held: Array) -> float:
     """Largest angle between rotations (3, 3) and one that should have been held."""
     return max(float(np.linalg.norm(rotation_log(R @ R_held.T))) for R in rotations)
 
