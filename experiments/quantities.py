@@ -16,5 +16,5 @@ def median_of(name: str, unit: str, values: Sequence[float]) -> Quantity:
 
 
 def count_of(name: str, values: Sequence[int], goal: str = "= 0") -> Quantity:
-    """How often something happened, over runs with so many each."""
-    return Quantity(name=name, unit="1", value=float(sum(values)), n=len(values), goal=goal)
+    """How often something happened, over runs with so many each; unknown without runs."""
+    return Quantity(name=name, unit="1", value=float(sum(values)) if values else None, n=len(values), goal=goal)

@@ -38,6 +38,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         EXPERIMENTS: {
             "G2": "grape.experiments.g2_odometry:EXPERIMENT",
             "G3": "grape.experiments.g3_mapping:EXPERIMENT",
+            "G4": "grape.experiments.g4_costmaps:EXPERIMENT",
             "G5": "grape.experiments.g5_local_planners:EXPERIMENT",
             "G5-goal": "grape.experiments.g5_goal_poses:EXPERIMENT",
             "G6": "grape.experiments.g6_arm_motion:EXPERIMENT",
@@ -52,6 +53,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "G13-hanging": "grape.experiments.deployments:G13",
             "G14": "grape.experiments.deployments:G14",
             "G15": "grape.experiments.deployments:G15",
+            "G19": "grape.experiments.deployments:G19",
             "B1": "grape.experiments.base_placement:EXPERIMENT",
             "K1": "grape.experiments.kill_resume:EXPERIMENT",
             "S1": "grape.experiments.soak:EXPERIMENT",

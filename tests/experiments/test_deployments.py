@@ -70,6 +70,19 @@ def test_open_and_closed_loop_are_shown_beside_each_other_on_the_same_plants(sai
     assert "1 of 1" in proof.figures[1].svg and len(STARTED) == 3
 
 
+def test_the_second_base_has_missions_of_its_own_and_both_kinds_of_plants_count(
+    said: list[str], tmp_path: Path
+) -> None:
+    deployments.G13.run(range(2, 3), tmp_path / "G13", lambda fraction, line: None)
+    proof = deployments.G19.run(range(2, 4), tmp_path / "G19", lambda fraction, line: None)
+    found = {quantity.name: quantity for quantity in proof.quantities}
+    assert STARTED == [2, 2, 3] and "robot=robi_jaco2" in deployments.ROBI.settings and proof.complete
+    nails, vines = (found[f"{kind} that hang by the referee, gobelet"] for kind in ("nails", "vines"))
+    assert nails.met and not vines.met
+    assert (found["account agrees with the referee"].n, found["fences crossed"].value) == (4, 0.0)
+    assert found["position error of a mission, root mean square, median"].n == 2
+
+
 def test_a_row_that_is_stopped_shows_what_is_done(
     said: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -101,7 +114,7 @@ def test_a_check_is_judged_by_its_wrong_answers(said: list[str], tmp_path: Path)
 
 
 def test_the_rows_are_plugins_and_report_on_seeds_that_nothing_was_tuned_on() -> None:
-    for name in ("G9", "G11", "G12-hanging", "G13-hanging", "G14", "G15"):
+    for name in ("G9", "G11", "G12-hanging", "G13-hanging", "G14", "G15", "G19"):
         experiment = find(EXPERIMENTS)[name].load()
         assert experiment.row == name
         assert experiment.seeds.start >= 500 and experiment.seeds.stop <= 1000

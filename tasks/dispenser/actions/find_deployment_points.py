@@ -16,6 +16,7 @@ from grape.messages import Array
 from grape.perception.cloud import crop_mask, image_to_points, voxel_grid
 from grape.perception.sweep import Sweep, debias, range_bias, smooth_sweep
 from grape.tasks.dispenser.actions.scan_vine import VineScan
+from grape.tasks.dispenser.own_hand import without_hand
 from grape.tasks.dispenser.perception.deployment_pose import DeploymentPose
 from grape.tasks.dispenser.perception.depth_view import DepthView
 from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, MergeOptions, extract_poses, merge_poses, rank
@@ -24,10 +25,8 @@ from grape.tasks.dispenser.row import plant_in_base
 from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, margins_of, orientations
 from grape.tasks.dispenser.targets import HangTarget, hang_line, remember_spurs
 
-OWN_HAND = (np.array([-0.13, -0.13, -0.30]), np.array([0.13, 0.13, 0.10]))  # m, corners in the hand's frame
 MOST_UNSEEN_M = 0.12  # of a spur beyond what was seen of it
 ALIKE, EASY = 0.2, 0.6  # margins this near are alike; from here on more of it is worth nothing
-OWN_LOOP = (np.array([-0.07, -0.20, -0.33]), np.array([0.07, 0.05, -0.20]))  # of a held dispenser, too
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,7 +125,7 @@ def vine_box(goal: FindDeploymentPointsGoal, foot: Array, base_height: float) ->
 def look(scan: VineScan, k: int, box: Box) -> Look:
     """Spurs in frame `k` of a scan."""
     image, T_base_camera = scan.images[k], scan.T_base_camera[k]
-    points = transform(T_base_camera, _without_hand(image_to_points(image), scan))
+    points = transform(T_base_camera, without_hand(image_to_points(image), scan.T_hand_camera, scan.holding))
     view = DepthView(image=image, T_base_camera=T_base_camera)
     poses = extract_poses(points[crop_mask(points, *box)], T_base_camera[None, :3, 3])
     return Look(view=view, points=points, poses=tuple(pose for pose in poses if view.inside(pose)))
@@ -165,15 +164,6 @@ def unseen_ends(pose: DeploymentPose, views: Sequence[DepthView]) -> Array:
 def _places(sweep: Sweep, most: int = 20) -> Array:
     """(k, 3) some of the sensor's places; a sweep without returns has one, which does not matter."""
     return sweep.origins[:: max(1, len(sweep.origins) // most)] if len(sweep.origins) else np.zeros((1, 3))
-
-
-def _without_hand(points: Array, scan: VineScan) -> Array:
-    """Points (n, 3) of the optical frame that are not the robot's own hand, fingers and held dispenser."""
-    in_hand = transform(scan.T_hand_camera, points)
-    own = crop_mask(in_hand, *OWN_HAND)
-    if scan.holding:
-        own |= crop_mask(in_hand, *OWN_LOOP)
-    return points[~own]
 
 
 def _target(goal: FindDeploymentPointsGoal, found: DeploymentPose) -> HangTarget:

@@ -3,25 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.hand_path import HandPathOptions, follow_hand_path
+from grape.actions.hand_path import HandPathOptions, follow_hand_path, straight
 from grape.actions.move_arm import move_to_pose
 from grape.actions.servoing import camera_mount
+from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, Reason, StaleData
-from grape.geometry import interpolate, pose, pose_error, rotation_x, rotation_z
+from grape.geometry import interpolate, pose, pose_error, rotation_x, rotation_z, transform
 from grape.messages import Array, LaserScan, RgbdImage
+from grape.perception.cloud import DepthOptions, image_to_points
 from grape.perception.sweep import AssembleOptions, Sweep, assemble
 from grape.tasks.dispenser.row import ROW, expect_row, row_distance
 from grape.tasks.dispenser.scan_views import remember_views
+from grape.tasks.dispenser.sweep_guard import TIGHT_M, SweepGuard
 
 WRIST_LIDAR = "wrist_lidar"
 NEAREST_M = 0.22  # of the hand to the arm's base, across the row: nearer there is no arm posture
 TURN_RATE = 0.3  # rad/s, between the passes
+NEAR = DepthOptions(range_m=(0.2, 0.6), step=3)  # what may be in the hand's way
+NEAR_RETURN_M = 0.22  # of the wrist LiDAR
+LOOK_PERIOD_S, IMAGE_PERIOD_S = 0.1, 0.2  # between looks, and between pictures: they cost more
+AHEAD_S, SAMPLE_S = 1.5, 0.15  # of the path that must be free; between its samples
+UP_S = 0.5  # to begin and end a way up
 SWEEP = AssembleOptions(range_m=(0.30, 1.2), bearing_rad=(-1.3, 1.3))
 
 
@@ -88,20 +96,127 @@ def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, Sca
         )
         path = path if begin == 0 else path.backwards()
         collector = _Collector(ctx, goal.images)
-        options = HandPathOptions(legs=path.times[1:])
-        motion = follow_hand_path(ctx, arm, path.at, path.times[-1], status="scanning", options=options)
-        try:
-            while True:
-                feedback = next(motion)
-                collector.collect(feedback.progress or 0.0)
-                yield feedback
-        except StopIteration:
-            pass
+        yield from _sweep(ctx, arm, goal, path, collector)
     scan = collector.scan()
     ctx.log.event("scan", plant=goal.plant, returns=len(scan.sweep.points), images=len(scan.images))
     if len(scan.sweep.points) == 0 and not scan.images:
         raise ActionFailed(Reason.STALE_DATA, "neither LiDAR nor camera gave anything during the sweep")
     return ScanVineResult(scan=scan)
+
+
+def _sweep(
+    ctx: Context, arm: ArmDriver, goal: ScanVineGoal, path: SweepPath, collector: _Collector
+) -> Generator[Feedback, None, None]:
+    """Follows the path. Where wood is ahead of the hand it passes over it, or turns back there where it cannot."""
+    holding = ctx.ledger.dispensers().get("hand", 0) > 0
+    guard = SweepGuard(ctx.robot.loaded_body if holding else ctx.robot.body, holding)
+    lookout = _Lookout(ctx, guard)
+    start, lift, done = 0.0, 0.0, 0.0
+    while (stop := (yield from _until_wood(ctx, arm, path, start, lift, done, collector, guard, lookout))) is not None:
+        leg_end = next((t for t in path.times if t > stop), stop)
+        higher = guard.lift(path.samples(stop, min(max(leg_end, stop + AHEAD_S), path.times[-1])), lift)
+        ctx.log.event("sweep_hindered", plant=goal.plant, at=path.at(stop)[:3, 3], lift_m=higher)
+        if higher is None:
+            back = path.turned_back(stop)
+            if back is None:
+                return
+            done += (1.0 - done) * stop / path.times[-1]
+            path, start = back, 0.0
+        else:
+            duration_s = UP_S + (higher - lift) / goal.speed
+            up = straight(raised(path.at(stop), lift), raised(path.at(stop), higher), duration_s)
+            yield from follow_hand_path(ctx, arm, up, duration_s, status="passing over wood")
+            start, lift = stop, higher
+
+
+def _until_wood(
+    ctx: Context,
+    arm: ArmDriver,
+    path: SweepPath,
+    start: float,
+    lift: float,
+    done: float,
+    collector: _Collector,
+    guard: SweepGuard,
+    lookout: _Lookout,
+) -> Generator[Feedback, None, float | None]:
+    """Follows a path from a time of it on until something is ahead of the hand.
+
+    Args:
+        ctx: for camera, account and clock.
+        arm: that is leased.
+        path: of the hand.
+        start: s, from where on.
+        lift: m, by which the hand is higher than the path.
+        done: share of the whole sweep that lies before the path.
+        collector: gets what the sensors see.
+        guard: tells whether something is in the way.
+        lookout: shows it what the sensors see.
+
+    Returns:
+        The path's time at which something is ahead, or None at its end.
+    """
+    end = path.times[-1]
+    options = HandPathOptions(legs=tuple(t - start for t in path.times if t > start))
+    motion = follow_hand_path(
+        ctx, arm, lambda t: raised(path.at(start + t), lift), end - start, status="scanning", options=options
+    )
+    for feedback in motion:
+        t = start + (feedback.progress or 0.0) * (end - start)
+        progress = done + (1.0 - done) * t / end
+        collector.collect(progress)
+        if lookout.look() and guard.clearance(path.samples(t, min(t + AHEAD_S, end)), lift) < TIGHT_M:
+            motion.close()
+            return t
+        yield replace(feedback, progress=progress)
+    return None
+
+
+class _Lookout:
+    """Shows a guard what the sensors see near the hand.
+
+    The camera measures from 0.2 m on. What is nearer the LiDAR sees, whose plane is 0.1 m ahead of the hand in the
+    first pass; farther off its range error would take for wood in the way what is beside it.
+    """
+
+    def __init__(self, ctx: Context, guard: SweepGuard) -> None:
+        self._ctx, self._guard = ctx, guard
+        self._T_hand_camera = camera_mount(ctx)
+        self._T_hand_lidar = ctx.robot.description.mounts[WRIST_LIDAR].T_parent_sensor
+        self._scanned = self._next_look = self._next_image = ctx.clock.now()
+
+    def look(self) -> bool:
+        """Whether it was time for another look."""
+        now = self._ctx.clock.now()
+        if now < self._next_look:
+            return False
+        self._next_look = now + LOOK_PERIOD_S
+        for scan in self._ctx.drivers.scans[WRIST_LIDAR].since(self._scanned):
+            self._guard.add(transform(self._T_hand_lidar, near_returns(scan)), self._hand(scan.stamp))
+            self._scanned = scan.stamp
+        if now >= self._next_image:
+            self._next_image = now + IMAGE_PERIOD_S
+            try:
+                image = self._ctx.camera.latest(max_age_s=0.3)
+            except StaleData:
+                return True  # the LiDAR goes on
+            self._guard.add(transform(self._T_hand_camera, image_to_points(image, NEAR)), self._hand(image.stamp))
+        return True
+
+    def _hand(self, stamp: float) -> Array:
+        return self._ctx.world.frames.lookup("base_link", "hand", stamp)
+
+
+def near_returns(scan: LaserScan) -> Array:
+    """(n, 3) m in the scanner's frame, of what is nearer than the depth camera measures."""
+    near = np.flatnonzero((scan.ranges >= scan.range_min) & (scan.ranges < NEAR_RETURN_M))
+    angles, ranges = scan.angle_min + scan.angle_increment * near, scan.ranges[near]
+    return np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles), np.zeros_like(ranges)])
+
+
+def raised(T: Array, lift_m: float) -> Array:
+    """A pose (4, 4) in base_link, moved straight up."""
+    return pose(T[:3, :3], T[:3, 3] + [0.0, 0.0, lift_m])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,6 +231,19 @@ class SweepPath:
         k = int(np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, len(self.times) - 2))
         share = (t - self.times[k]) / (self.times[k + 1] - self.times[k])
         return interpolate(self.poses[k], self.poses[k + 1], float(np.clip(share, 0.0, 1.0)))
+
+    def samples(self, start: float, end: float) -> Array:
+        """(n, 4, 4) `T_base_hand` between two times, at most `SAMPLE_S` apart."""
+        return np.array([self.at(t) for t in np.linspace(start, end, int((end - start) / SAMPLE_S) + 2)])
+
+    def turned_back(self, t: float) -> SweepPath | None:
+        """From where it is at a time of its first pass to there on its way back, and on; None without a way back."""
+        if len(self.poses) < 4 or not 0.0 < t < self.times[1]:
+            return None
+        share, turn_s = t / self.times[1], self.times[2] - self.times[1]
+        there = interpolate(self.poses[2], self.poses[3], 1.0 - share)
+        back_s = share * (self.times[3] - self.times[2])
+        return SweepPath(poses=(self.at(t), there, self.poses[3]), times=(0.0, turn_s, turn_s + back_s))
 
     def backwards(self) -> SweepPath:
         """The same way from its end."""

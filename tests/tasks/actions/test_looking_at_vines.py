@@ -25,6 +25,7 @@ from grape.tasks.dispenser.actions.find_deployment_points import (
 )
 from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, VineScan, scan_vine, sweep_path
 from grape.tasks.dispenser.stops import margins_of, orientations
+from grape.tasks.dispenser.sweep_guard import SweepGuard
 from grape.tasks.dispenser.targets import HangTarget, remember_spurs
 
 SHORT = ScanVineGoal(plant="n0", half_length_m=0.10, return_pitch=0.0)
@@ -132,6 +133,83 @@ def test_a_sweep_takes_at_most_fifteen_seconds_and_keeps_off_the_arm(row_y: floa
     back = path.backwards()
     for t in np.linspace(0.0, path.times[-1], 7):
         np.testing.assert_allclose(back.at(path.times[-1] - t), path.at(t), atol=1e-9)
+
+
+def swept(bench: Bench, top: float, goal: ScanVineGoal) -> tuple[np.ndarray, float, VineScan]:
+    """Scans a vine of which wood stands upright before the row, in the hand's way, up to a height (m in base_link).
+
+    Returns the places of the hand (n, 3), its least distance to the wood, and the scan.
+    """
+    park_at(bench, "v0")
+    foot, tip = np.array([0.45, 0.75, 0.50]), np.array([0.45, 0.75, top])
+    bench.scene.rods = [(foot, tip, 0.008)]
+    wood = SweepGuard(bench.robot.body)
+    wood.add(np.repeat(foot + np.linspace(0.0, 1.0, 80)[:, None] * (tip - foot), 9, axis=0), np.eye(4))
+    places, gaps, run = [], [], scan_vine(goal, bench.ctx)
+    while True:
+        try:
+            feedback = next(run)
+        except StopIteration as stop:
+            return np.array(places), min(gaps) - 0.008, stop.value.scan
+        bench.advance()
+        if feedback.status in ("scanning", "passing over wood"):
+            T = bench.robot.hand_pose(bench.world.joints())
+            places.append(T[:3, 3])
+            gaps.append(wood.clearance(T[None]))
+
+
+def lifts(bench: Bench) -> list[float | None]:
+    return [fields["lift_m"] for kind, fields in bench.log.events if kind == "sweep_hindered"]
+
+
+LEVEL_TWICE = ScanVineGoal(plant="v0", return_pitch=np.radians(79.0), return_stand_off_m=0.44, return_height_m=0.40)
+
+
+def test_sweep_goes_higher_over_wood_that_reaches_out(bench: Bench) -> None:
+    places, gap, scan = swept(bench, 0.79, ScanVineGoal(plant="v0"))
+    (lift,) = lifts(bench)
+    assert lift is not None and 0.02 <= lift <= 0.08 and gap > 0.01
+    assert np.ptp(places[:, 0]) == pytest.approx(0.68, abs=0.03) and len(scan.images) > 8, "all of the way"
+
+
+def test_sweep_turns_back_before_wood_that_is_too_high_to_pass(bench: Bench) -> None:
+    places, gap, scan = swept(bench, 1.0, LEVEL_TWICE)
+    assert lifts(bench)[-1] is None and gap > 0.01
+    assert 0.2 < np.ptp(places[:, 0]) < 0.6 and abs(places[-1, 0] - places[0, 0]) < 0.03, "forth and back on one side"
+    assert len(scan.images) > 8, "all frames of a whole sweep"
+
+
+def test_sweep_ends_before_such_wood_in_its_last_pass(bench: Bench) -> None:
+    places, gap, scan = swept(bench, 1.0, ScanVineGoal(plant="v0"))
+    assert lifts(bench) == [None] and gap > 0.01
+    assert np.ptp(places[:, 0]) == pytest.approx(0.68, abs=0.03) and places[-1, 0] > 0.5 and len(scan.images) > 4
+
+
+def test_lidar_sees_what_is_too_near_for_the_camera(bench: Bench) -> None:
+    ranges = np.full(361, np.inf)
+    ranges[170:190] = 0.15
+    bench.scanners["wrist_lidar"].ranges = ranges
+    park_at(bench, "v0")
+    bench.run(scan_vine(ScanVineGoal(plant="v0", return_pitch=0.0), bench.ctx))
+    assert lifts(bench)
+
+
+def test_wood_behind_the_reach_of_the_hand_hinders_no_sweep(bench: Bench) -> None:
+    park_at(bench, "v0")
+    bench.scene.rods = [(np.array([0.45, 0.955, 0.50]), np.array([0.45, 0.87, 0.80]), 0.008)]
+    bench.run(scan_vine(ScanVineGoal(plant="v0"), bench.ctx))
+    assert not lifts(bench)
+
+
+@pytest.mark.parametrize("t", [0.0, 7.0, 10.0])
+def test_a_sweep_can_be_turned_back_in_its_first_pass_alone(t: float) -> None:
+    path = sweep_path(ScanVineGoal(plant="n0"), pose(None, (0.25, 0.20, 0.458)), 0.955)
+    back = path.turned_back(2.0)
+    assert back is not None and back.times[-1] < path.times[-1] - 4.0
+    np.testing.assert_allclose(back.at(0.0), path.at(2.0), atol=1e-9)
+    assert back.poses[1][0, 3] == pytest.approx(path.at(2.0)[0, 3], abs=1e-9)
+    np.testing.assert_allclose(back.at(back.times[-1]), path.poses[-1], atol=1e-9)
+    assert path.turned_back(t) is None
 
 
 def test_sweep_without_lidar_keeps_the_frames(bench: Bench) -> None:
