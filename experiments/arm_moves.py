@@ -69,7 +69,7 @@ def moves(seed: int) -> Trial:
         lines = list(islice(draw_lines(bench, rng), LINES))
         for arm in (AS_IT_COMES, CALIBRATED):
             if arm == CALIBRATED:
-                found["calibration"] = bench.observe(calibrate_arm(CalibrateArmGoal(), bench.ctx)).reason
+                found["uncalibrated"] = bench.observe(calibrate_arm(CalibrateArmGoal(), bench.ctx)).reason
             found["planned"] += [{"arm": arm, **_planned(bench, place)} for place in places]
             found["lines"] += [{"arm": arm, **_line(bench, *line)} for line in lines]
     return found

@@ -148,9 +148,14 @@ def _largest(name: str, values: Sequence[float], goal: str = "") -> Quantity:
 
 
 def _failures(by_case: dict[str, list[Trial]]) -> list[str]:
-    """Each motion that should have come to its end and did not."""
+    """Each calibration that failed, and each motion that should have come to its end and did not."""
     kinds = (("moves", "planned"), ("moves", "lines"), ("unwound", "unwound"))
-    return [
+    calibrations = [
+        f"Seed {trial['seed']}: not calibrated, {trial['uncalibrated']}"
+        for trial in by_case["moves"]
+        if trial["uncalibrated"]
+    ]
+    return calibrations + [
         f"Seed {trial['seed']}, {kind}: {motion['reason']}, {motion['detail']}"
         for case, kind in kinds
         for trial in by_case[case]

@@ -34,7 +34,9 @@ def motion(hand_mm: float = 1.0, **changes: Any) -> dict[str, Any]:
 
 def figures_of(monkeypatch: pytest.MonkeyPatch, folder: Path, **kinds: list[dict[str, Any]]) -> dict[str, Any]:
     """Quantities by name, of one seed with these motions."""
-    trial = {"converged": True, "hand_mm": 0.4} | {kind: [] for kind in ("planned", "lines", "unwound", "astray")}
+    trial = {"converged": True, "hand_mm": 0.4, "uncalibrated": ""} | {
+        kind: [] for kind in ("planned", "lines", "unwound", "astray")
+    }
     cases = {case: lambda seed: trial | kinds for case in ("moves", "unwound", "astray", "servo")}
     monkeypatch.setattr(g6, "CASES", cases)
     proof = g6.run([3], folder, lambda share, text: None)
@@ -77,6 +79,7 @@ def test_hand_errors_are_told_as_the_arm_comes_and_calibrated(monkeypatch: pytes
     assert found["planned, as it comes: reached"].value == pytest.approx(2 / 3)
     assert found["planned, calibrated: hand off its goal, largest"].value == pytest.approx(2.0)
     assert found["planned: collisions of the robot"].met is False
+    assert not any("not calibrated" in note for note in found["notes"])
     assert found["notes"][-1] == "Seed 3, planned: no_plan, nowhere"
     assert "<polyline" in found["figures"][0].svg
 
