@@ -227,7 +227,7 @@ def astray(seed: int) -> Trial:
                 joint = int(rng.integers(len(DESCRIPTION.arm.joints)))
                 bench.break_joint(joint, BROKEN[why], LINE, rng.uniform(0.2, 1.0) * halfway)
             motion = bench.observe(_follow(bench.ctx, T_start, T_end, look_ahead=why != OUT_OF_REACH))
-            found.append({"why": why, **_stray(motion, T_start, T_end)})
+            found.append({"why": why, **stray(motion, T_start, T_end)})
     return {"astray": found}
 
 
@@ -239,7 +239,7 @@ def _too_long(bench: TrackedBench, rng: np.random.Generator) -> Iterator[tuple[A
             yield _ends(T, way, TOO_LONG_M)
 
 
-def _stray(motion: Motion, T_start: Array, T_end: Array) -> Trial:
+def stray(motion: Motion, T_start: Array, T_end: Array) -> Trial:
     """How a line ended, and how far from it and from its end the hand had got."""
     told, true = _hands(motion)
     if not told:

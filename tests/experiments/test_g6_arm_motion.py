@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,20 @@ from grape.actions.core import Feedback
 from grape.actions.move_arm import MoveArmToNamedGoal, move_arm_to_named
 from grape.errors import ActionFailed, Reason
 from grape.experiments import g6_arm_motion as g6
-from grape.experiments.arm_moves import PARKING
-from grape.experiments.arm_track import BrokenArm, TrackedBench, bend_m, cable_share, off_line_m, turned_rad
+from grape.experiments.arm_moves import LINE, PARKING, draw_free, stray
+from grape.experiments.arm_track import (
+    Beat,
+    BrokenArm,
+    Motion,
+    TrackedBench,
+    bend_m,
+    cable_share,
+    off_line_m,
+    turned_rad,
+)
 from grape.experiments.servo_trials import small_world
-from grape.geometry import rotation_z
+from grape.geometry import pose, rotation_z
+from grape.planning import StateChecker
 from grape.robots.husky_jaco2 import DESCRIPTION
 
 ARM = DESCRIPTION.arm
@@ -49,6 +60,26 @@ def test_what_is_off_a_straight_line() -> None:
     assert bend_m(points[:3] + np.array([5.0, 1.0, 0.0])) == pytest.approx(0.002, abs=1e-5)
     assert bend_m(points[[0, 2]]) == pytest.approx(0.0, abs=1e-12)
     assert turned_rad([rotation_z(0.1), rotation_z(-0.3)], np.eye(3)) == pytest.approx(0.3)
+
+
+def test_a_line_that_was_left_is_told_by_how_far_and_how_much_of_the_way_was_lost() -> None:
+    def beat(told_x: float, true_y: float) -> Beat:
+        told, true = pose(None, (told_x, 0.0, 0.0)), pose(rotation_z(true_y), (told_x, 0.02 + true_y, 0.0))
+        q = np.array(ARM.unwound)
+        return Beat(time_s=0.0, status=LINE, progress=0.0, q=q, speed=np.zeros(6), T_told=told, T_true=true)
+
+    beats = [beat(0.0, 0.0), beat(0.1, 0.01), beat(0.2, 0.03), beat(0.17, 0.02)]
+    end = pose(None, (0.5, 0.0, 0.0))
+    left = stray(Motion(beats=beats, result=None, reason="r", detail="", touched=()), pose(), end)
+    assert (left["off_mm"], left["grown_mm"]) == pytest.approx((30.0, 30.0))
+    assert left["turned_deg"] == pytest.approx(np.degrees(0.03)) and not left["converged"]
+    assert not stray(Motion(beats=(), result=None, reason="r", detail="", touched=()), pose(), end)["followed"]
+
+
+def test_drawn_states_are_free_and_within_the_cables(robot_models: Any) -> None:
+    checker = StateChecker(robot_models.body)
+    for q in islice(draw_free(robot_models, checker, np.random.default_rng(0)), 20):
+        assert checker.is_valid(q) and cable_share(ARM, q) <= 1.0
 
 
 def test_only_continuous_joints_wind_cables() -> None:
