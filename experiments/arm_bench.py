@@ -34,6 +34,7 @@ class ArmBench(RobotBench):
         world: the vineyard; its `seed` also draws the sensors' noise and the arm's errors.
         arm_errors: level of the arm's errors.
         dispensers: in the feeder.
+        arm_pose: the named pose that the arm starts in.
     """
 
     def __init__(
@@ -44,9 +45,10 @@ class ArmBench(RobotBench):
         *,
         arm_errors: float = 1.0,
         dispensers: int = 0,
+        arm_pose: str = "travel",
     ) -> None:
         sensors = SensorOptions(arm=ArmDriverOptions(errors=arm_errors))
-        options = SimulationOptions(dispensers=dispensers, sensors=sensors)
+        options = SimulationOptions(dispensers=dispensers, sensors=sensors, arm_pose=arm_pose)
         super().__init__(description, _parked(world, parking, description), world.seed, parking.plant, options)
         for name, mount in description.mounts.items():
             self.ctx.world.frames.set_fixed(mount.parent, name, mount.T_parent_sensor)

@@ -40,7 +40,7 @@ def run(seeds: Sequence[int], folder: Path, progress: Progress) -> Proof:
     """Every seed in plain light, every fifth one with glare on one of the markers."""
     keys = [Key(case="plain", seed=seed) for seed in seeds]
     keys += [Key(case=f"glare_{1 + k % 2}", seed=seed) for k, seed in enumerate(list(seeds)[::GLARE_EVERY])]
-    trials = run_trials(folder, keys, _trial, progress)
+    trials = run_trials(folder, keys, servo_trial, progress)
     plain = [trials[key] for key in keys if key.case == "plain"]
     glare = [trials[key] for key in keys if key.case != "plain"]
     touched = sum(bool(trial["collisions"]) for trial in (*plain, *glare))
@@ -61,7 +61,8 @@ def run(seeds: Sequence[int], folder: Path, progress: Progress) -> Proof:
     )
 
 
-def _trial(key: Key) -> Trial:
+def servo_trial(key: Key) -> Trial:
+    """One servo run to the feeder; the key's case is plain, or glare_1 or glare_2 with glare on that marker."""
     rng = np.random.default_rng([key.seed, 10])
     level = int(rng.integers(DESCRIPTION.feeder.levels))
     light = _blinding(key.seed, int(key.case[-1]), level) if key.case != "plain" else {}

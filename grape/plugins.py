@@ -42,6 +42,8 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "G4": "grape.experiments.g4_costmaps:EXPERIMENT",
             "G5": "grape.experiments.g5_local_planners:EXPERIMENT",
             "G5-goal": "grape.experiments.g5_goal_poses:EXPERIMENT",
+            "G6": "grape.experiments.g6_arm_motion:EXPERIMENT",
+            "G7": "grape.experiments.g7_scanning:EXPERIMENT",
             "G8": "grape.experiments.g8_deployment_points:EXPERIMENT",
             "G10": "grape.experiments.g10_servoing:EXPERIMENT",
             "G12": "grape.experiments.g12_nail_servoing:EXPERIMENT",

@@ -70,6 +70,11 @@ class Raycaster:
             labels[k], names[k] = piece.label, piece.name
         return ranges, labels, names
 
+    def distance(self, points: Array) -> Array:
+        """Distances (n,) in metres of points (n, 3), map frame, to the nearest surface: for referee and tests."""
+        query = self._tensor(np.asarray(points, np.float32).reshape(-1, 3))
+        return np.asarray(self._scene.compute_distance(query).numpy(), float)
+
     def _hits(self, origins: Array, directions: Array) -> Any:
         origins, directions = np.asarray(origins), np.asarray(directions)
         if origins.ndim != 2 or origins.shape[1] != 3 or origins.shape != directions.shape:

@@ -10,6 +10,7 @@ import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
+from grape.actions.robot import Robot
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, GoalRejected, Reason, with_suggestion
 from grape.geometry import interpolate
@@ -95,7 +96,7 @@ def move_to_pose(
     if not goals:
         place = np.round(line[0][:3, 3], 2)
         raise ActionFailed(Reason.UNREACHABLE, f"{status}: no arm posture reaches {place} and the way from there")
-    index = yield from move_to_joints(ctx, arm, [q for _, q in goals], status=status)
+    index = yield from move_to_joints(ctx, arm, [q for _, q in goals], status=status, absolute=True)
     return goals[index][0]
 
 
@@ -107,6 +108,8 @@ def find_postures(
     holding: bool | None = None,
 ) -> list[Array]:
     """Joint angles, best first, that put the hand at the first pose of a line and can follow it without collision.
+
+    They are the nearest turns from which the cables allow the whole line.
 
     Args:
         ctx: for robot and world.
@@ -128,11 +131,18 @@ def find_postures(
         path = inverse_path(robot.arm, np.array(steps), solution.q) if len(steps) > 1 else np.array([solution.q])
         if path is None or not all(on_line.is_valid(q) for q in path):
             continue
-        worst = min(robot.arm.sigma_min(q) for q in path)
-        if worst > 0.02:
-            found.append((worst + 0.3 * solution.score, solution.q))
+        worst, turned = min(robot.arm.sigma_min(q) for q in path), _within_cables(robot, path, start)
+        if worst > 0.02 and turned is not None:
+            found.append((worst + 0.3 * solution.score, turned))
     found.sort(key=lambda item: -item[0])
     return [q for _, q in found[:4]]
+
+
+def _within_cables(robot: Robot, path: Array, start: Array) -> Array | None:
+    """The begin (n,) rad of a joint path (m, n), at the turn nearest to `start` from which it keeps to the cables."""
+    lower, upper = robot.planner.bounds(robot.description.arm.unwound)
+    ahead = path - path[0]
+    return robot.planner.nearest_turn(path[0], start, lower - ahead.min(axis=0), upper - ahead.max(axis=0))
 
 
 def checker_for(

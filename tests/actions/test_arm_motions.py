@@ -19,7 +19,8 @@ from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
 from grape.actions.retract import RetractGoal, retract
 from grape.actions.unwind import UnwindGoal, unwind
 from grape.errors import GoalRejected, Reason, StaleData
-from grape.geometry import pose, pose_error, rotation_x, transform
+from grape.geometry import pose, pose_error, rotation_x, rotation_z, transform
+from grape.kinematics import inverse_path
 from grape.planning import StaticBox
 from grape.robots.husky_jaco2 import DESCRIPTION
 
@@ -116,6 +117,24 @@ def test_posture_is_chosen_from_which_the_whole_line_can_be_followed(bench: Benc
 
     bench.run(go())
     assert np.linalg.norm(pose_error(line[1], bench.hand)[:3]) < 0.003
+
+
+def test_a_line_begins_at_a_turn_from_which_the_cables_allow_all_of_it(bench: Bench) -> None:
+    line = tuple(AHEAD @ pose(rotation_z(0.4 * k - 0.3)) for k in range(8))
+    steps = np.array([bench.robot.in_arm_base(T) for T in line])
+    bench.put_hand(line[0])
+    limits, turned = DESCRIPTION.arm, bench.arm.q + 2 * np.pi * np.eye(6)[5]
+    last = inverse_path(bench.robot.arm, steps, turned)[-1]
+    assert turned[5] - limits.unwound[5] < limits.cable_turns < last[5] - limits.unwound[5]
+    bench.put_arm(turned + 0.02)
+
+    def go():
+        with bench.ctx.arm.lease("test") as arm:
+            yield from move_to_pose(bench.ctx, arm, line, status="moving")
+
+    bench.run(go())
+    path = inverse_path(bench.robot.arm, steps, bench.arm.q)
+    assert (np.abs(path - limits.unwound)[:, ~np.isfinite(limits.position_max)] <= limits.cable_turns).all()
 
 
 @pytest.mark.parametrize("end", [0, 1])

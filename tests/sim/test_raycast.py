@@ -100,3 +100,9 @@ def test_ray_lengths_agree_with_the_physics_engine(vineyard):
 def test_wrong_shapes_are_refused(vineyard):
     with pytest.raises(InvalidInput, match=r"\(n, 3\)"):
         Raycaster(vineyard).cast(np.zeros((4, 3)), np.zeros((5, 3)))
+
+
+def test_points_are_as_far_from_the_nearest_surface_as_they_are(vineyard):
+    caster = Raycaster(world_with(vineyard, (rod([0, 0, 0.5], [0, 0, 1.5], 0.05),)))
+    points = [[0.45, 0.0, 1.0], [2.0, 2.0, 0.1], [0.0, 0.0, 1.65]]
+    np.testing.assert_allclose(caster.distance(points), [0.4, 0.1, 0.1], atol=0.06 * 0.05)
