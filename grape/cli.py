@@ -258,8 +258,8 @@ def resume(
 def list_() -> None:
     """List what can be named.
 
-    Missions, rows to reproduce, benches, trees, robots, tasks and worlds; and the nodes (actions and conditions)
-    that trees may use, with their ports and defaults.
+    Missions, rows to reproduce, benches, trees, tasks, robots, worlds, costmap layers and planners; and the nodes
+    (actions and conditions) that trees may use, with their ports and defaults. What packages bring is marked.
     """
     from grape.mission.listing import print_catalog
 

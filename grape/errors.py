@@ -31,7 +31,7 @@ class LeaseRevoked(GrapeError):
 
 
 class Reason(StrEnum):
-    """Reason codes of a failed action; the tree decides by them, the ledger and the report keep them."""
+    """Reason codes of grape's own actions; the tree decides by them, the ledger and the report keep them."""
 
     # any action
     TIMEOUT = "timeout"
@@ -68,11 +68,11 @@ class ActionFailed(GrapeError):
     """An action ends ABORTED.
 
     Args:
-        reason: typed code that the tree, the ledger and the report use.
+        reason: code that the tree, the ledger and the report use: a `Reason`, or a word of your own, like `too_dark`.
         detail: one sentence for a person, with the numbers that decided.
     """
 
-    def __init__(self, reason: Reason, detail: str = "") -> None:
+    def __init__(self, reason: str, detail: str = "") -> None:
         super().__init__(f"{reason}: {detail}" if detail else str(reason))
         self.reason = reason
         self.detail = detail
@@ -111,10 +111,10 @@ class Problem:
 
 
 class FileError(GrapeError):
-    """Files that users wrote have problems; all of them are listed at once."""
+    """A file that users wrote has problems; all of them are listed at once, of very many the first."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
-        self.problems = tuple(sorted(problems))
+        self.problems = tuple(sorted(problems)[:MOST_PROBLEMS])
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 

@@ -1,4 +1,4 @@
-"""What can be plugged in: tasks, robots, worlds, experiments, benches, costmap layers, planners.
+"""What can be plugged in: tasks, robots, worlds, experiments, benches, costmap layers, global and local planners.
 
 They are built in or of installed packages.
 
@@ -14,18 +14,19 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from grape.errors import GrapeError, InvalidInput, with_suggestion
-from grape.proof import Bench, Experiment
 
+GRAPE = "grape"  # where the built-in ones come from
 TASKS, ROBOTS, WORLDS = "grape.tasks", "grape.robots", "grape.worlds"
 EXPERIMENTS, BENCHES = "grape.experiments", "grape.benches"
-LAYERS, LOCAL_PLANNERS = "grape.costmap_layers", "grape.local_planners"
+LAYERS = "grape.costmap_layers"
+GLOBAL_PLANNERS, LOCAL_PLANNERS = "grape.global_planners", "grape.local_planners"
 
 BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
@@ -68,6 +69,7 @@ BUILT_IN: Mapping[str, Mapping[str, str]] = MappingProxyType(
             "footprint": "grape.navigation.layers:FootprintLayer",
             "inflation": "grape.navigation.layers:InflationLayer",
         },
+        GLOBAL_PLANNERS: {"legs": "grape.navigation.planner:plan_route"},
         LOCAL_PLANNERS: {
             "pure_pursuit": "grape.navigation.follower:PurePursuit",
             "dwa": "grape.navigation.dwa:Dwa",
@@ -132,9 +134,19 @@ class WorldType:
     grow: Callable[[Any, Any], Any]
 
 
-KINDS: Mapping[str, type[Any]] = MappingProxyType(
-    {TASKS: Task, WORLDS: WorldType, EXPERIMENTS: Experiment, BENCHES: Bench}
-)
+CALLABLE = "collections.abc:Callable"
+KINDS: Mapping[str, str] = MappingProxyType(
+    {
+        TASKS: "grape.plugins:Task",
+        ROBOTS: "grape.robots.description:RobotDescription",
+        WORLDS: "grape.plugins:WorldType",
+        EXPERIMENTS: "grape.proof:Experiment",
+        BENCHES: "grape.proof:Bench",
+        LAYERS: CALLABLE,
+        GLOBAL_PLANNERS: CALLABLE,
+        LOCAL_PLANNERS: CALLABLE,
+    }
+)  # where the type of each group's plugins is
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,30 +156,33 @@ class Plugin:
     Attributes:
         target: where it is, `package.module:attribute`.
         origin: `grape`, or the distribution that brings it.
+        rival: the distribution that brings another one under this name; then neither can be loaded.
     """
 
     group: str
     name: str
     target: str
-    origin: str = "grape"
+    origin: str = GRAPE
+    rival: str = ""
 
     def load(self) -> Any:
         """Import it.
 
         Raises:
-            PluginError: its module cannot be imported or lacks the attribute, or it is of another kind.
+            PluginError: two have its name, its module cannot be imported or lacks the attribute, or it is of another
+                kind.
         """
-        module, _, attribute = self.target.partition(":")
+        if self.rival:
+            owners = f"{self.origin} and by {self.rival}"
+            raise PluginError(f"{self.group}: {self.name!r} is brought by {owners}; remove one")
         try:
-            value: Any = importlib.import_module(module)
-            for part in attribute.split(".") if attribute else ():
-                value = getattr(value, part)
-        except Exception as error:
+            value = _import(self.target)
+        except (Exception, SystemExit) as error:  # a script that was meant to be run exits when it is imported
             raise PluginError(
                 f"{self.group} plugin {self.name!r} of {self.origin} ({self.target}) cannot be loaded:"
                 f" {type(error).__name__}: {error}"
             ) from error
-        kind = KINDS.get(self.group, object)
+        kind = _import(KINDS.get(self.group, CALLABLE))
         if not isinstance(value, kind):
             raise PluginError(
                 f"{self.group} plugin {self.name!r} of {self.origin} ({self.target}) must be a {kind.__name__},"
@@ -176,11 +191,20 @@ class Plugin:
         return value
 
 
+def _import(target: str) -> Any:
+    """What `package.module:attribute` names."""
+    module, _, attribute = target.partition(":")
+    value: Any = importlib.import_module(module)
+    for part in attribute.split(".") if attribute else ():
+        value = getattr(value, part)
+    return value
+
+
 def find(group: str) -> Mapping[str, Plugin]:
     """Every plugin of a group (`TASKS`, `EXPERIMENTS`, …) by name; imports none.
 
     Raises:
-        PluginError: no such group, or two plugins have one name.
+        PluginError: no such group.
     """
     if group not in BUILT_IN:
         raise PluginError(f"no plugin group {group!r}; there are {', '.join(BUILT_IN)}")
@@ -190,7 +214,7 @@ def find(group: str) -> Mapping[str, Plugin]:
         plugin = Plugin(group=group, name=entry.name, target=entry.value, origin=origin)
         known = found.setdefault(entry.name, plugin)
         if known.target != plugin.target:
-            raise PluginError(f"{group}: {entry.name!r} is brought by {known.origin} and by {origin}; remove one")
+            found[entry.name] = replace(known, rival=origin)
     return MappingProxyType(found)
 
 
@@ -198,7 +222,7 @@ def load(group: str, name: str) -> Any:
     """Import one plugin.
 
     Raises:
-        PluginError: it is unknown or cannot be imported.
+        PluginError: it is unknown, two have its name, or it cannot be imported.
     """
     found = find(group)
     if name not in found:

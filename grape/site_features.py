@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, TypeGuard
 
+import numpy as np
+
 from grape.errors import MOST_PROBLEMS, did_you_mean
+from grape.messages import Array
 
 GEOMETRIES = {
     "row": ("LineString",),
@@ -20,6 +24,7 @@ GEOMETRIES = {
 }
 PLANTS = ("vine", "nail")
 SIDES = ("left", "right")
+MOST_CORNERS = 10_000  # of a ring, whose every side is held against every other
 _MARKER_IDS = range(0, 50)  # DICT_4X4_50
 Key = tuple[str | int, ...]
 
@@ -152,8 +157,33 @@ def _geometry(kind: str, geometry: Any, path: Key, report: Report) -> list[tuple
 def _shape(type_: str, points: list[tuple[float, float]], at: Key, report: Report) -> None:
     if type_ == "Polygon" and points[0] != points[-1]:
         report.add(at, f"the ring ends at {points[-1]}, not at its first position {points[0]}", "a closed ring")
+    elif type_ == "Polygon" and len(set(points)) < 3:
+        report.add(at, f"the ring has {len(set(points))} different positions", "at least 3 different ones")
+    elif type_ == "Polygon" and len(points) > MOST_CORNERS:
+        report.add(at, f"a ring of {len(points)} positions", f"at most {MOST_CORNERS}")
+    elif type_ == "Polygon" and crosses_itself(points):
+        report.add(at, "the ring crosses itself, so what is inside is not known", "a ring whose sides do not cross")
     if type_ == "LineString" and any(a == b for a, b in pairwise(points)):
         report.add(at, "two neighbouring positions are equal", "a line whose positions differ")
+
+
+def crosses_itself(ring: Sequence[Sequence[float]] | Array) -> bool:
+    """Whether two sides of a closed ring cross; sides that only touch do not."""
+    corners = np.array(ring) - ring[0]  # near zero: differences of degrees are small
+    starts, ends = corners[:-1], corners[1:]
+    for k in range(len(starts) - 2):
+        a, b, c, d = starts[k], ends[k], starts[k + 2 :], ends[k + 2 :]
+        apart = (_side(a, b, c) * _side(a, b, d) < 0) & (_side(c, d, a) * _side(c, d, b) < 0)
+        if apart.any():
+            return True
+    return False
+
+
+def _side(a: Array, b: Array, p: Array) -> Array:
+    """On which side of the line a → b a position lies: positive on the left, 0 on it."""
+    ab, ap = b - a, p - a
+    side: Array = np.sign(ab[..., 0] * ap[..., 1] - ab[..., 1] * ap[..., 0])
+    return side
 
 
 def _positions(values: list[Any], at: Key, report: Report, nested: bool = True) -> list[tuple[float, float]]:

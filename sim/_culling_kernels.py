@@ -32,8 +32,8 @@ def bound_bodies(
 
 
 @njit(cache=True)
-def near_ground(box: Array, highest: Array, origin: Array, cell: float) -> bool:
-    """Whether a box (6,) reaches below the ground's highest points `highest` (ny, nx), one for each square `cell`."""
+def in_cells(box: Array, lowest: Array, highest: Array, origin: Array, cell: float) -> bool:
+    """Whether a box (6,) meets the span of heights, `lowest` to `highest` (ny, nx), of one of the squares under it."""
     ny, nx = highest.shape
     x0 = min(max(int((box[0] - origin[0]) / cell), 0), nx - 1)
     x1 = min(max(int((box[3] - origin[0]) / cell), 0), nx - 1)
@@ -41,7 +41,7 @@ def near_ground(box: Array, highest: Array, origin: Array, cell: float) -> bool:
     y1 = min(max(int((box[4] - origin[1]) / cell), 0), ny - 1)
     for iy in range(y0, y1 + 1):
         for ix in range(x0, x1 + 1):
-            if box[2] <= highest[iy, ix]:
+            if box[2] <= highest[iy, ix] and box[5] >= lowest[iy, ix]:
                 return True
     return False
 
@@ -93,27 +93,28 @@ def _overlap(a: Array, b: Array) -> bool:
 
 
 @njit(cache=True)
-def mark_on_ground(
+def mark_in_cells(
     boxes: Array,
     moving: Array,
+    lowest: Array,
     highest: Array,
     origin: Array,
     cell: float,
     bits: Array,
-    ground: int,
+    standing: int,
     near: Array,
 ) -> None:
-    """Give every moving body that is near the ground a contact bit that it shares with the ground alone.
+    """Give every moving body that is near a body in cells a contact bit that it shares with that one alone.
 
     Args:
         bits: (bodies, 2) contact bits: added to contype and conaffinity.
-        ground: the ground's own index.
+        standing: the index of the body in cells.
         near: (2, bodies) where contype and conaffinity are added up.
     """
     for k in range(len(moving)):
         a = moving[k]
-        if (bits[a, 0] or bits[a, 1]) and near_ground(boxes[a], highest, origin, cell):
+        if (bits[a, 0] or bits[a, 1]) and in_cells(boxes[a], lowest, highest, origin, cell):
             near[0, a] |= bits[a, 0]
             near[1, a] |= bits[a, 1]
-            near[0, ground] |= bits[a, 1]
-            near[1, ground] |= bits[a, 0]
+            near[0, standing] |= bits[a, 1]
+            near[1, standing] |= bits[a, 0]

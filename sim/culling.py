@@ -7,15 +7,31 @@ Hidden pairs are too far apart to meet before the next look, so the contacts fou
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import mujoco
 import numpy as np
 
 from grape.messages import Array
+from grape.sim.cells import CELL_M, Cells
 
 LOOK_STEPS = 10  # between two looks: 20 ms
 MARGIN_M = 0.055  # around either body of a pair: nothing meets unseen that is slower than 5 m/s
-_CELL_M = 0.5
-_GROUND_TYPE, _GROUND_AFFINITY = 1 << 29, 1 << 30
+_GROUND_BITS = 1 << 29, 1 << 30
+_WORLD_BITS = 1 << 27, 1 << 28
+
+
+@dataclass(frozen=True, kw_only=True)
+class _WideBody:
+    """A standing body whose box holds half of the world: asked by squares, and with contact bits of its own.
+
+    Attributes:
+        bits: (bodies, 2) added to contype and conaffinity of who is near it, none for who cannot touch it.
+    """
+
+    body: int
+    cells: Cells
+    bits: Array
 
 
 class ContactCulling:
@@ -33,63 +49,50 @@ class ContactCulling:
         fixed = (model.body_weldid == 0) & (model.body_mocapid < 0)
         unbounded = _bodies_with(model, mujoco.mjtGeom.mjGEOM_PLANE)
         ground = _bodies_with(model, mujoco.mjtGeom.mjGEOM_HFIELD)
-        self._ground = int(ground[0]) if len(ground) == 1 and fixed[ground[0]] else -1
         self._moving = np.flatnonzero(touchable & ~fixed)
-        partners = _partners(model, self._contype, self._conaffinity)
         self._boxes = np.tile([-1e30] * 3 + [1e30] * 3, (model.nbody, 1))
         standing = np.setdiff1d(np.flatnonzero(touchable & fixed), np.union1d(unbounded, ground))
-        self._bound(standing, data, 0.0)
-        self._first, self._geoms = _geoms_of(model, self._moving)
-        self._bits = np.zeros((model.nbody, 2), dtype=np.int32)
-        self._near = np.zeros((2, model.nbody), dtype=np.int32)
-        if self._ground >= 0:
-            self._set_ground_apart(data)
-            partners[self._ground, :] = partners[:, self._ground] = False
+        first, geoms = _geoms_of(model, standing)
+        boxes = _standing_boxes(model, data, geoms)
+        for k, body in enumerate(standing):
+            own = boxes[first[k] : first[k + 1]]
+            self._boxes[body] = [*own[:, :3].min(axis=0), *own[:, 3:].max(axis=0)]
+        self._wide: list[_WideBody] = []
+        if len(ground) == 1 and fixed[ground[0]]:
+            self._set_apart(int(ground[0]), Cells.of_ground(model, data, int(ground[0])), _GROUND_BITS)
+        if 0 in standing:  # the pieces of a large vineyard
+            self._set_apart(0, Cells.of_boxes(boxes[: first[1]]), _WORLD_BITS)
+        partners = _partners(model, self._contype, self._conaffinity)
+        apart = [wide.body for wide in self._wide]
+        partners[apart, :] = partners[:, apart] = False
         self._first_partner, self._partners = _partner_lists(partners, self._moving)
+        self._first, self._geoms = _geoms_of(model, self._moving)
+        self._near = np.zeros((2, model.nbody), dtype=np.int32)
 
     def look(self, data: mujoco.MjData) -> None:
         """Find who is near whom, and let only them meet until the next look."""
         if not self._moving.size:
             return
-        from grape.sim._culling_kernels import bound_bodies, mark_neighbours, mark_on_ground
+        from grape.sim._culling_kernels import bound_bodies, mark_in_cells, mark_neighbours
 
-        model, boxes = self._model, self._boxes
-        bound_bodies(self._first, self._geoms, self._moving, data.geom_xpos, model.geom_rbound, MARGIN_M, boxes)
-        near = self._near
+        model, boxes, moving, near = self._model, self._boxes, self._moving, self._near
+        bound_bodies(self._first, self._geoms, moving, data.geom_xpos, model.geom_rbound, MARGIN_M, boxes)
         near[:] = 0
-        mark_neighbours(
-            boxes, self._moving, self._first_partner, self._partners, self._contype, self._conaffinity, near
-        )
-        if self._ground >= 0:
-            mark_on_ground(boxes, self._moving, self._highest, self._origin, _CELL_M, self._bits, self._ground, near)
+        mark_neighbours(boxes, moving, self._first_partner, self._partners, self._contype, self._conaffinity, near)
+        for wide in self._wide:
+            cells = wide.cells
+            mark_in_cells(boxes, moving, cells.lowest, cells.highest, cells.origin, CELL_M, wide.bits, wide.body, near)
         model.body_contype[:], model.body_conaffinity[:] = near
 
     def show_all(self) -> None:
         """Let everything meet everything until the next look: after bodies have been put elsewhere."""
         self._model.body_contype[:], self._model.body_conaffinity[:] = self._contype, self._conaffinity
 
-    def _bound(self, bodies: Array, data: mujoco.MjData, margin: float) -> None:
-        from grape.sim._culling_kernels import bound_bodies
-
-        first, geoms = _geoms_of(self._model, bodies)
-        bound_bodies(first, geoms, bodies, data.geom_xpos, self._model.geom_rbound, margin, self._boxes)
-
-    def _set_ground_apart(self, data: mujoco.MjData) -> None:
-        """The ground's box holds half of the world: ask for heights instead, and give it contact bits of its own."""
-        model, ground = self._model, self._ground
-        geom = int(model.body_geomadr[ground])
-        field = int(model.geom_dataid[geom])
-        rows, columns, start = model.hfield_nrow[field], model.hfield_ncol[field], model.hfield_adr[field]
-        half_x, half_y, span, _ = model.hfield_size[field]
-        heights = model.hfield_data[start : start + rows * columns].reshape(rows, columns) * span
-        self._origin = data.geom_xpos[geom] - [half_x, half_y, 0.0]
-        self._highest = _block_maxima(
-            heights + self._origin[2], np.linspace(0, 2 * half_x, columns), np.linspace(0, 2 * half_y, rows)
-        )
-        reach = (self._contype & self._conaffinity[ground]) != 0
-        touched = (self._conaffinity & self._contype[ground]) != 0
-        self._bits[reach, 0] = _GROUND_TYPE
-        self._bits[touched, 1] = _GROUND_AFFINITY
+    def _set_apart(self, body: int, cells: Cells, own: tuple[int, int]) -> None:
+        bits = np.zeros((self._model.nbody, 2), dtype=np.int32)
+        bits[(self._contype & self._conaffinity[body]) != 0, 0] = own[0]
+        bits[(self._conaffinity & self._contype[body]) != 0, 1] = own[1]
+        self._wide.append(_WideBody(body=body, cells=cells, bits=bits))
 
 
 def _bodies_with(model: mujoco.MjModel, kind: mujoco.mjtGeom) -> Array:
@@ -125,14 +128,10 @@ def _geoms_of(model: mujoco.MjModel, bodies: Array) -> tuple[Array, Array]:
     return first, np.concatenate([np.zeros(0, dtype=np.int64), *lists])
 
 
-def _block_maxima(heights: Array, xs: Array, ys: Array) -> Array:
-    """The highest of `heights` (ys, xs) in each square of `_CELL_M`, its border included."""
-    nx, ny = int(xs[-1] / _CELL_M) + 1, int(ys[-1] / _CELL_M) + 1
-    maxima = np.empty((ny, nx))
-    for iy in range(ny):
-        low = max(np.searchsorted(ys, iy * _CELL_M) - 1, 0)
-        band = heights[low : np.searchsorted(ys, (iy + 1) * _CELL_M) + 1].max(axis=0)
-        for ix in range(nx):
-            left = max(np.searchsorted(xs, ix * _CELL_M) - 1, 0)
-            maxima[iy, ix] = band[left : np.searchsorted(xs, (ix + 1) * _CELL_M) + 1].max()
-    return maxima
+def _standing_boxes(model: mujoco.MjModel, data: mujoco.MjData, geoms: Array) -> Array:
+    """Boxes (n, 6) m, lower and upper corner, around geoms that do not move, `MARGIN_M` wider."""
+    R_map_geom = data.geom_xmat[geoms].reshape(-1, 3, 3)
+    centre, half = model.geom_aabb[geoms, :3], model.geom_aabb[geoms, 3:]
+    centre = data.geom_xpos[geoms] + np.einsum("nij,nj->ni", R_map_geom, centre)
+    half = np.einsum("nij,nj->ni", np.abs(R_map_geom), half) + MARGIN_M
+    return np.hstack([centre - half, centre + half])

@@ -73,6 +73,9 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
         (["run", "--world", "nowhere.yaml"], "cannot be read"),
         (["run", "--robot", "robi_jaco"], "did you mean 'robi_jaco2'?"),
         (["render", "--robot", "huski_jaco2", "vineyard"], "did you mean 'husky_jaco2'?"),
+        (["render", "vineyard", "--out", "/dev/null/pictures"], "/dev/null is no folder"),
+        (["run", "--out", "/dev/null"], "--out /dev/null: it exists and is no folder"),
+        (["bench", "navigation", "--html", "/dev"], "it is a folder; name a file"),
     ],
 )
 def test_wrong_input_exits_with_1_and_no_traceback(
@@ -106,7 +109,25 @@ def test_check_lists_every_problem_of_every_file(capsys: pytest.CaptureFixture[s
     assert "dispenser_deployment: ok" in out
 
 
-def test_check_accepts_what_is_built_in(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    ("open_tag", "close_tag"),
+    [('<replicate count="1000" offset="1 0 0">' * 4, "</replicate>" * 4), ('<flexcomp count="900 900 900"/>', "")],
+)
+def test_check_refuses_a_model_that_would_never_be_built(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, open_tag: str, close_tag: str
+) -> None:
+    model = tmp_path / "endless.xml"
+    model.write_text(f'<mujoco><worldbody>{open_tag}<geom size="0.1"/>{close_tag}</worldbody></mujoco>')
+    code, _, err = grape_command(capsys, "check", str(model))
+    assert code == 1
+    assert f"{model}: <" in err and "too many elements; allowed: at most 50000 with all copies" in err
+
+
+def test_check_accepts_what_is_built_in(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "husky_jaco2").mkdir()  # a folder of that name is not meant
     code, out, err = grape_command(capsys, "check", "dispenser_deployment", "husky_jaco2", "robi_jaco2")
     assert (code, err) == (0, "")
     assert "husky_jaco2: ok, robot husky_jaco2" in out and "robi_jaco2: ok, robot robi_jaco2" in out

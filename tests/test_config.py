@@ -172,9 +172,11 @@ def test_scalars_and_tags_that_mean_nothing_are_refused_at_their_place(text: str
 
 
 def test_of_very_many_problems_the_first_are_listed() -> None:
-    problems = problems_of("name: a\n" + "".join(f"k{k}: 1\n" for k in range(5000)))
-    assert len(problems) == 100
-    assert problems[-1].startswith("cart.yaml:101:1: k99: unknown key")
+    unknown = problems_of("name: a\n" + "".join(f"k{k}: 1\n" for k in range(5000)))
+    twice = problems_of("name: a\n" * 3000)
+    assert len(unknown) == len(twice) == 100
+    assert unknown[-1].startswith("cart.yaml:101:1: k99: unknown key")
+    assert twice[-1].startswith("cart.yaml:101:1: name: key is given twice")
 
 
 @pytest.mark.parametrize(

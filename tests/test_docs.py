@@ -25,6 +25,7 @@ from grape.errors import Reason
 from grape.mission.faults import MissionFault
 from grape.mission.file import MissionFile, Refill, Selection, load_mission
 from grape.mission.launch import refuse_changed, write_inputs
+from grape.plugins import BUILT_IN
 from grape.proof import Bench, Experiment, Proof
 from grape.site import load_site, save_site
 
@@ -120,7 +121,7 @@ def test_every_command_in_a_block_is_accepted(
     monkeypatch.setattr("grape.laser_logs.localize_command.localize_command", no_map)
     monkeypatch.setattr("grape.mission.command.run_command", dry_run)
     monkeypatch.setattr("grape.mission.command.resume_command", no_resume)
-    monkeypatch.setattr("grape.mission.pictures._take", lambda mission, out: [])
+    monkeypatch.setattr("grape.mission.pictures._take", lambda *given: [])
     monkeypatch.setattr("grape.campaign.command.run_jobs", lambda jobs, *rest: Standing(jobs=jobs))
     nothing = Experiment(row="G8", summary="", seeds=range(1), run=lambda *given: Proof(quantities=()))
     monkeypatch.setattr("grape.proving.reproduce.experiment_of", lambda row: nothing)
@@ -159,6 +160,7 @@ def test_python_on_a_page_runs(page: str, desk: Path, capsys: pytest.CaptureFixt
         "filter.md": "x 1.0 1 refused",
         "maps_and_localisation.md": "off by less than 0.1 m: True share True\nwho is out: [] None",
         "driving.md": "at the goal",
+        "extending.md": "around the puddle: True, plants: 4",
         "own_robot.md": "[0.  0.9 0.9] 1",
     }[page]
     assert expected in capsys.readouterr().out
@@ -258,6 +260,11 @@ def test_every_field_of_a_campaign_is_described() -> None:
     text = " ".join(cell for row in fields for cell in row)
     summary = build_summary(make_plan("dispenser_deployment", [], []), range(1), [], [], [])
     assert {*summary, *success([]), *Failure.__annotations__} <= set(code(text))
+
+
+def test_every_group_of_plugins_is_described() -> None:
+    groups = [code(row[0])[0] for row in tables("extending.md", "What a package can add")[0]]
+    assert sorted(groups) == sorted(BUILT_IN)
 
 
 def test_every_library_has_its_job_and_range() -> None:

@@ -187,6 +187,25 @@ BROKEN = {
         "got",
         "",
     ),
+    "polygon of one place": (
+        "f0",
+        lambda f: f["geometry"].update(coordinates=[f["geometry"]["coordinates"][0][:1] * 4]),
+        "1 different positions",
+        "",
+    ),
+    "polygon that crosses itself": (
+        "f0",
+        lambda f: f["geometry"]["coordinates"][0].__setitem__(slice(1, 3), f["geometry"]["coordinates"][0][2:0:-1]),
+        "crosses itself",
+        "",
+    ),
+    "polygon without end": (
+        "f0",
+        lambda f: f["geometry"].update(coordinates=[f["geometry"]["coordinates"][0] * 3000]),
+        "a ring of",
+        "",
+    ),
+    "polygons in one": ("f0", lambda f: f["geometry"].update(type="MultiPolygon"), "'MultiPolygon'", ""),
     "polygon with a hole": ("west", lambda f: f["geometry"]["coordinates"].append([]), "got", ""),
     "fence line without width": (
         "f0",

@@ -19,14 +19,14 @@ from grape.navigation.grid import Costmap, Footprint
 from grape.navigation.monitor import MonitorOptions, speed_factor
 from grape.navigation.newcomers import PassingOptions, PassingWatch
 from grape.navigation.path import Path, in_frame_of
-from grape.navigation.planner import PlannerOptions, path_blocked, plan_route
+from grape.navigation.planner import GlobalPlanner, PlannerOptions, path_blocked
 from grape.navigation.progress import ProgressChecker
 from grape.navigation.route import waypoints
 from grape.navigation.turning import RoomToTurn, TurnRoomOptions
-from grape.plugins import LOCAL_PLANNERS, find, load
+from grape.plugins import GLOBAL_PLANNERS, LOCAL_PLANNERS, find, load
 from grape.world import Driving
 
-PURE_PURSUIT = "pure_pursuit"
+PURE_PURSUIT, LEGS = "pure_pursuit", "legs"  # planners: local, global
 CONTROL_PERIOD_S = 0.05
 REPLAN_S = 2.0
 MAX_REPLANS = 8
@@ -42,6 +42,7 @@ class DriveGoal:
     A base that is slower than `speed` drives as fast as it can.
 
     planner: a plugin of the group `grape.local_planners`; none turns where there is no room.
+    global_planner: a plugin of the group `grape.global_planners`.
     """
 
     x: float
@@ -50,6 +51,7 @@ class DriveGoal:
     speed: float = 0.8
     timeout_s: float = 240.0
     planner: str = PURE_PURSUIT
+    global_planner: str = LEGS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +74,12 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
     target = np.array([goal.x, goal.y, goal.yaw])
     if not np.isfinite(target).all() or not goal.speed > 0.0:
         raise GoalRejected(f"a finite pose and a speed above 0, got {goal}")
-    if goal.planner not in (known := find(LOCAL_PLANNERS)):
-        raise GoalRejected(f"no local planner {goal.planner!r}; there are {', '.join(sorted(known))}")
+    for what, group, name in (
+        ("local", LOCAL_PLANNERS, goal.planner),
+        ("global", GLOBAL_PLANNERS, goal.global_planner),
+    ):
+        if name not in (known := find(group)):
+            raise GoalRejected(f"no {what} planner {name!r}; there are {', '.join(sorted(known))}")
     with ctx.base.lease("DriveToPose") as base:
         speed = min(goal.speed, ctx.robot.description.base.max_linear)
         drive = _Drive(target, replace(goal, speed=speed), ctx)
@@ -97,6 +103,7 @@ class _Drive:
         self._ctx, self._goal, self._target = ctx, goal, target
         self._senses = BaseSenses(ctx, target[None])
         footprint = self._senses.footprint
+        self._plan_route: GlobalPlanner = load(GLOBAL_PLANNERS, goal.global_planner)
         self._planner = PlannerOptions(footprint=footprint)
         self._monitor = MonitorOptions(footprint=footprint)
         self._follower = _follower(goal, footprint, self._senses.surroundings.fences())
@@ -142,9 +149,9 @@ class _Drive:
         yield from self._senses.look_around(base)
         costs, *way = self._plan_arguments()
         try:
-            self._path = yield from self._ctx.jobs.run(plan_route, costs, *way)
+            self._path = yield from self._ctx.jobs.run(self._plan_route, costs, *way)
         except ActionFailed as closed:
-            yield from self._ctx.jobs.run(plan_route, self._senses.surroundings.fences(), *way)
+            yield from self._ctx.jobs.run(self._plan_route, self._senses.surroundings.fences(), *way)
             raise ActionFailed(Reason.BLOCKED, f"with what stands there, {closed.detail}") from closed
         self._start_path()
 
@@ -153,7 +160,7 @@ class _Drive:
         self.wants_plan = False
         self._replan_s = self._ctx.clock.now() + REPLAN_S
         try:
-            path = yield from self._ctx.jobs.run(plan_route, *self._plan_arguments())
+            path = yield from self._ctx.jobs.run(self._plan_route, *self._plan_arguments())
         except ActionFailed as failure:
             self._blocked_by = failure.detail
             return

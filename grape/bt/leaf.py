@@ -77,7 +77,7 @@ class ActionLeaf(Leaf):
         self._start = 0.0
         self.feedback = Feedback()
         self.outcome: Status | None = None
-        self.reason: Reason | None = None
+        self.reason: str | None = None
         self.detail = ""
 
     @property
@@ -148,7 +148,7 @@ class ActionLeaf(Leaf):
         self._end(Status.SUCCEEDED, None, "")
         return NodeStatus.SUCCESS
 
-    def _fail(self, status: Status, reason: Reason | None, detail: str) -> NodeStatus:
+    def _fail(self, status: Status, reason: str | None, detail: str) -> NodeStatus:
         self._generator = None
         for port, value in (("reason", reason or status.value), ("detail", detail)):
             if port not in self._result_fields():
@@ -170,7 +170,7 @@ class ActionLeaf(Leaf):
         self._end(Status.ABORTED, Reason.INTERNAL_ERROR, f"{type(cause).__name__}: {cause}")
         return crash
 
-    def _end(self, status: Status, reason: Reason | None, detail: str) -> None:
+    def _end(self, status: Status, reason: str | None, detail: str) -> None:
         self.outcome, self.reason, self.detail = status, reason, detail
         if status is not Status.SUCCEEDED:
             self._run.last_failure = Failure(path=self.path, status=status, reason=reason, detail=detail)

@@ -9,7 +9,7 @@ from typing import Any
 from grape.actions.core import Context, Status
 from grape.bt.blackboard import Blackboard, MissingEntry
 from grape.bt.tree import Literal, Node
-from grape.errors import GrapeError, InvalidInput, Reason
+from grape.errors import GrapeError, InvalidInput
 
 
 class LeafCrashed(GrapeError):
@@ -32,7 +32,7 @@ class Failure:
 
     path: str
     status: Status
-    reason: Reason | None
+    reason: str | None
     detail: str
 
 

@@ -19,12 +19,12 @@ from grape.campaign.reading import CONDITIONS, RunData, read_run
 from grape.campaign.report import campaign_page, interval, percent
 from grape.campaign.summary import build_summary
 from grape.campaign.watch import Standing, StandingDisplay, run_jobs
+from grape.folders import open_folder
 from grape.mission.command import Cancellation
 from grape.mission.lock import RunLock
 from grape.mission.page import number
 from grape.mission.record import write_atomic
 from grape.proof import parse_seeds
-from grape.proving.folders import open_folder
 
 DONE, MISSING, STOPPED = 0, 2, 130
 

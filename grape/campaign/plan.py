@@ -15,9 +15,9 @@ from typing import Any
 from grape.errors import InvalidInput
 from grape.mission.file import Mission, load_mission, mission_path
 from grape.mission.record import read_json, write_atomic
+from grape.mission.result_file import read_result
 
 PLAN_FILE = "plan.json"
-RESULT_KEYS = ("status", "ended_by", "plants", "dispensers", "truth", "localization", "real_time_factor")
 MOST_COMBINATIONS = 10_000
 CODE = "from grape.cli import main; main()"
 
@@ -104,7 +104,7 @@ class Job:
         path = self.folder / "result.json"
         if not path.is_file():
             return None
-        result = read_json(path, RESULT_KEYS)
+        result = read_result(path)
         return None if result["status"] == "aborted" else result
 
 

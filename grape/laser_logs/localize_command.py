@@ -12,6 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from grape.errors import InvalidInput
+from grape.folders import open_folder
 from grape.laser_logs.map_command import aligned, log_line, stem, write_path
 from grape.laser_logs.picture import write_picture
 from grape.localization.amcl import Amcl, AmclEstimate, AmclOptions
@@ -21,7 +22,6 @@ from grape.mapping.map_file import load_map
 from grape.mapping.trajectory_error import trajectory_error
 from grape.messages import Array
 from grape.mission.record import write_atomic
-from grape.proving.folders import open_folder
 from grape.proving.show import live_progress
 
 SCHEMA = "grape.localize/1"

@@ -12,6 +12,7 @@ import numpy as np
 from rich.console import Console
 
 from grape.errors import InvalidInput
+from grape.folders import open_folder
 from grape.laser_logs.picture import write_picture
 from grape.mapping.carmen import CarmenLog, read_carmen
 from grape.mapping.map_file import save_map
@@ -20,7 +21,6 @@ from grape.mapping.slam import SlamOptions, run_slam
 from grape.mapping.trajectory_error import relation_error, trajectory_error
 from grape.messages import Array
 from grape.mission.record import write_atomic
-from grape.proving.folders import open_folder
 from grape.proving.show import live_progress
 
 SCHEMA = "grape.map/1"

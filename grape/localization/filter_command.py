@@ -11,6 +11,7 @@ from typing import Any, TextIO
 import numpy as np
 
 from grape.errors import FileError, GrapeError, Problem
+from grape.folders import refuse_unwritable_file
 from grape.geometry import rotation_to_rpy
 from grape.localization.filter_file import ConfiguredFilter, load_filter
 from grape.localization.filter_log import STDS, FilterLog
@@ -28,12 +29,14 @@ def filter_command(log: Path, config: Path, out: Path | None, overrides: Iterabl
 
     Raises:
         FileError: the log or the configuration has problems; then nothing is written.
+        InvalidInput: the estimate cannot be written.
         GrapeError: the filter never began.
     """
     configured = load_filter(config, overrides)
     out = out or log.with_suffix(".estimate.csv")
     if out.suffix not in (".csv", ".jsonl"):
         raise FileError([Problem(file=str(out), got=f"ends with {out.suffix!r}", allowed=".csv or .jsonl")])
+    refuse_unwritable_file("--out", out)
     readings = FilterLog(log, configured.tracks, configured.file.ignore).readings()
     part = out.with_name(out.name + ".part")
     try:

@@ -117,7 +117,7 @@ class FilterLog:
                 continue
             try:
                 row = json.loads(text)
-            except ValueError as error:
+            except (ValueError, RecursionError) as error:
                 self._refuse(line, f"no JSON: {error}")
                 continue
             if not isinstance(row, dict):
@@ -127,7 +127,7 @@ class FilterLog:
 
     def _reading(self, line: int, row: dict[str, Any]) -> Reading | None:
         sensor = row.get("sensor")
-        if sensor in self._ignore:
+        if isinstance(sensor, str) and sensor in self._ignore:
             return None
         before = len(self._problems)
         if not isinstance(sensor, str) or sensor not in self._tracks:

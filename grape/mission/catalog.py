@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from grape.plugins import BENCHES, EXPERIMENTS, ROBOTS, TASKS, WORLDS, PluginError, Task, WorldType, find, load
+from grape.plugins import (
+    BENCHES,
+    BUILT_IN,
+    EXPERIMENTS,
+    ROBOTS,
+    TASKS,
+    WORLDS,
+    PluginError,
+    Task,
+    WorldType,
+    find,
+    load,
+)
 from grape.proof import Bench, Experiment
 
 
@@ -25,10 +37,10 @@ def benches() -> dict[str, Bench]:
     return _loadable(BENCHES)
 
 
-def broken() -> tuple[str, ...]:
-    """What is wrong with each plugin that cannot be loaded."""
+def broken(groups: Iterable[str] = tuple(BUILT_IN)) -> tuple[str, ...]:
+    """What is wrong with each plugin of these groups that cannot be loaded."""
     texts = []
-    for group in (TASKS, ROBOTS, WORLDS, EXPERIMENTS, BENCHES):
+    for group in groups:
         for plugin in find(group).values():
             try:
                 plugin.load()

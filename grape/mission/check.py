@@ -39,7 +39,7 @@ def check_files(names: Iterable[str], task: str = "dispenser") -> tuple[dict[str
 
 def _check(name: str, task: str) -> str:
     path = Path(name)
-    if not path.exists():
+    if not path.is_file():  # a package's folder often has the name of what it brings
         return _check_name(name, task)
     if path.suffix in (".yaml", ".yml"):
         return _check_yaml(path)

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from grape.config import Document, Model, load_yaml, override, read_text, validate, validate_options
 from grape.errors import FileError, InvalidInput, Problem, did_you_mean
-from grape.mission.catalog import missions, robot_description, robots, trees, world_type, worlds
+from grape.mission.catalog import broken, missions, robot_description, robots, trees, world_type, worlds
 from grape.mission.faults import MissionFault, check_faults
 from grape.mission.refill import Refill as Refill
 from grape.mission.refill import check_refill
@@ -179,16 +179,9 @@ def mission_path(name: str) -> Path:
         return path
     if path.suffix in (".yaml", ".yml") or "/" in name:
         read_text(path)
-    raise FileError(
-        [
-            Problem(
-                file=name,
-                got="no such mission",
-                allowed=f"{', '.join(known)}, or the path of a YAML file",
-                suggestion=did_you_mean(name, known),
-            )
-        ]
-    )
+    allowed, hint = f"{', '.join(known)}, or the path of a YAML file", did_you_mean(name, known)
+    unknown = Problem(file=name, got="no such mission", allowed=allowed, suggestion=hint)
+    raise FileError([unknown, *(Problem(file=name, got=text) for text in broken((TASKS,)))])
 
 
 def _with_world(document: Document, path: Path) -> Document:

@@ -15,14 +15,16 @@ from ruamel.yaml import YAML
 
 from grape import __version__
 from grape.errors import InvalidInput
+from grape.folders import open_folder, refuse_unwritable_folder
 from grape.mission.catalog import nodes, robot_description, world_type
 from grape.mission.file import MAP_FILE, OF_SITE, SIMULATED, Mission, load_mission
 from grape.mission.ledger import SqliteLedger
 from grape.mission.lock import RunLock
 from grape.mission.progress import Progress
 from grape.mission.real import connected, resumed_at
-from grape.mission.record import read_events, read_json, write_atomic
+from grape.mission.record import read_events, write_atomic
 from grape.mission.result import build_result, write_result
+from grape.mission.result_file import read_result
 from grape.mission.runner import Backend, Runner
 from grape.mission.track import csv_of
 from grape.site import save_site
@@ -61,7 +63,8 @@ def run_mission(
 
     Raises:
         FileError: the tree file has problems.
-        InvalidInput: robot, world, drivers and options do not fit together, or `out` holds something.
+        InvalidInput: robot, world, drivers and options do not fit together, or `out` cannot be
+            written or holds something.
         PluginError: the robot's own drivers cannot be imported.
         DriverError: they cannot be connected.
     """
@@ -228,7 +231,7 @@ def ended_result(folder: Path) -> dict[str, Any] | None:
     path = folder / "result.json"
     if not path.exists():
         return None
-    result = read_json(path, ("ended_by", "status"))
+    result = read_result(path)
     return None if result["ended_by"] == "aborted" else result
 
 
@@ -294,29 +297,21 @@ def make_folder(out: Path | None, mission: Mission) -> Path:
     """Create the run folder.
 
     Raises:
-        InvalidInput: `out` is a file or a folder that holds something.
+        InvalidInput: `out` cannot be written, or is a folder that holds something.
     """
-    if out is None:
-        stem, number = f"{mission.name}-seed{mission.seed}", 1
-        while (folder := Path("runs") / f"{stem}-{number}").exists():
-            number += 1
-        folder.mkdir(parents=True)
-        return folder
     refuse_used(out)
-    out.mkdir(parents=True, exist_ok=True)
-    return out
+    return open_folder(out, f"{mission.name}-seed{mission.seed}")
 
 
 def refuse_used(out: Path | None) -> None:
-    """Refuse a run folder that is not new: also before the work begins.
+    """Refuse a run folder that is not new or cannot be written: also before the work begins.
 
     Raises:
-        InvalidInput: `out` is a file or a folder that holds something.
+        InvalidInput: `out` cannot be written, or is a folder that holds something.
     """
-    if out is not None and out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InvalidInput(
-            f"--out {out}: it exists and is {'not empty' if out.is_dir() else 'no folder'}; name a new folder"
-        )
+    refuse_unwritable_folder(out)
+    if out is not None and out.exists() and any(out.iterdir()):
+        raise InvalidInput(f"--out {out}: it exists and is not empty; name a new folder")
 
 
 def write_inputs(mission: Mission, folder: Path) -> None:

@@ -10,27 +10,51 @@ from rich.markup import escape
 from rich.table import Table
 
 from grape.config import load_yaml
-from grape.mission.catalog import benches, broken, experiments, missions, nodes, robots, tasks, trees, worlds
+from grape.errors import GrapeError
+from grape.mission.catalog import benches, broken, experiments, missions, nodes, tasks, trees
+from grape.plugins import BENCHES, BUILT_IN, EXPERIMENTS, GRAPE, find
 
 
 def print_catalog(console: Console | None = None) -> None:
-    """Print missions, rows, benches, trees, robots, tasks, worlds and the nodes of each task with their ports."""
+    """Print missions, rows, benches, trees, every other plugin, and the nodes of each task with their ports.
+
+    What a package brings that is broken is named at the end, and keeps nothing else from being listed.
+    """
     console = console or Console()
+    wrong = list(broken())
     table = Table("mission", "what it does", title="Missions", title_justify="left")
     for name, path in missions().items():
-        table.add_row(name, str(load_yaml(path).data.get("description", "")))
+        try:
+            table.add_row(name, str(load_yaml(path).data.get("description", "")))
+        except GrapeError as error:
+            wrong.append(f"mission {name!r}: {error}")
     console.print(table)
     table = Table("name", "command", "what it measures", title="Proofs and benches", title_justify="left")
     for command, found in (("reproduce", experiments()), ("bench", benches())):
         for name in sorted(found, key=_natural):
             table.add_row(name, f"grape {command} {name}", escape(found[name].summary))
     console.print(table)
-    for kind, names in (("Trees", trees()), ("Robots", robots()), ("Tasks", tasks()), ("Worlds", worlds())):
-        console.print(f"[bold]{kind}[/]: {', '.join(names)}")
+    console.print(f"[bold]Trees[/]: {', '.join(trees())}")
+    for group in BUILT_IN:
+        if group not in (EXPERIMENTS, BENCHES):
+            console.print(f"[bold]{_title(group)}[/]: {', '.join(_names(group))}")
     for task in tasks():
-        console.print(_nodes(task))
-    for text in broken():
+        try:
+            console.print(_nodes(task))
+        except GrapeError as error:
+            wrong.append(f"task {task!r}: {error}")
+    for text in wrong:
         console.print(f"[red]error:[/] {escape(text)}")
+
+
+def _title(group: str) -> str:
+    """`Local planners` of `grape.local_planners`."""
+    return group.removeprefix("grape.").replace("_", " ").capitalize()
+
+
+def _names(group: str) -> list[str]:
+    """Names of a group's plugins, with the distribution where it is not grape."""
+    return [name if found.origin == GRAPE else f"{name} ({found.origin})" for name, found in find(group).items()]
 
 
 def _natural(name: str) -> tuple[str | int, ...]:

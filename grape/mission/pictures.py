@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from grape.errors import FileError, Problem, did_you_mean
+from grape.folders import refuse_unwritable_folder
 from grape.mission.catalog import missions, robot_description, world_type, worlds
 from grape.mission.file import Mission, load_mission
 
@@ -16,32 +17,35 @@ def render_scene(subject: str, out: Path, seed: int | None, assignments: list[st
     """Write pictures of a mission's world, or of a world file; returns their paths.
 
     Raises:
-        GrapeError: the input has problems.
+        GrapeError: the input has problems, or `out` cannot be written.
     """
+    refuse_unwritable_folder(out)
     overrides = [*assignments, *([f"seed={seed}"] if seed is not None else [])]
-    return _take(_mission_of(subject, overrides), out)
+    return _take(*_mission_of(subject, overrides), out)
 
 
-def _mission_of(subject: str, overrides: list[str]) -> Mission:
+def _mission_of(subject: str, overrides: list[str]) -> tuple[Mission, str]:
+    """The mission whose world is shown, and what its pictures are called."""
     from grape.config import load_yaml
 
     path = Path(subject)
     if subject in worlds():
-        return load_mission(DEFAULT, ["plants=null", ANY_PLANT, f"world.type={subject}", *overrides])
+        return load_mission(DEFAULT, ["plants=null", ANY_PLANT, f"world.type={subject}", *overrides]), subject
     is_site = path.suffix in (".geojson", ".json")
     is_world = path.suffix in (".yaml", ".yml") and subject not in missions() and path.is_file()
     if is_site or (is_world and "type" in load_yaml(path).data):
-        return load_mission(DEFAULT, ["plants=null", ANY_PLANT, *overrides], path)
+        return load_mission(DEFAULT, ["plants=null", ANY_PLANT, *overrides], path), path.stem
     if subject not in missions() and not path.suffix and not path.is_file():
         known = [*missions(), *worlds()]
         allowed = f"{', '.join(known)}, or the path of a mission, a world or a site"
         raise FileError(
             [Problem(file=subject, got="no such name", allowed=allowed, suggestion=did_you_mean(subject, known))]
         )
-    return load_mission(subject, overrides)
+    mission = load_mission(subject, overrides)
+    return mission, mission.name
 
 
-def _take(mission: Mission, out: Path) -> list[Path]:
+def _take(mission: Mission, name: str, out: Path) -> list[Path]:
     import cv2
     import numpy as np
 
@@ -61,8 +65,8 @@ def _take(mission: Mission, out: Path) -> list[Path]:
     try:
         out.mkdir(parents=True, exist_ok=True)
         paths = []
-        for name, view in views.items():
-            paths.append(out / f"{mission.name}-seed{mission.seed}-{name}.png")
+        for side, view in views.items():
+            paths.append(out / f"{name}-{mission.file.robot}-seed{mission.seed}-{side}.png")
             cv2.imwrite(str(paths[-1]), simulation.render(view)[:, :, ::-1])
     finally:
         simulation.close()

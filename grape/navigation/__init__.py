@@ -18,7 +18,7 @@ from grape.navigation.layers import (
 from grape.navigation.monitor import MonitorOptions, speed_factor, time_to_contact
 from grape.navigation.mppi import Mppi, MppiOptions
 from grape.navigation.path import Path
-from grape.navigation.planner import PlannerOptions, path_blocked, plan_path, plan_route
+from grape.navigation.planner import GlobalPlanner, PlannerOptions, path_blocked, plan_path, plan_route
 from grape.navigation.rolling import LayeredCostmap, layers_of
 from grape.navigation.route import RouteOptions, park_beside, parking_pose, row_zones, waypoints
 from grape.navigation.surroundings import Surroundings, SurroundingsOptions
@@ -45,6 +45,7 @@ __all__ = [
     "FollowerStep",
     "Footprint",
     "FootprintLayer",
+    "GlobalPlanner",
     "GridSpec",
     "InflationLayer",
     "InflationOptions",

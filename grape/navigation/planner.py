@@ -6,6 +6,7 @@ Source: Hart, Nilsson and Raphael, A formal basis for the heuristic determinatio
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
@@ -38,6 +39,16 @@ class PlannerOptions:
     near: float = 1.5
     reverse_limit: float = 3.0
     footprint: Footprint = field(default_factory=Footprint)
+
+
+class GlobalPlanner(Protocol):
+    """Anything that finds a path through waypoints: `plan_route` here, others by plugin."""
+
+    def __call__(
+        self, costmap: Costmap, start: Array, waypoints: Array, options: PlannerOptions | None = None, /
+    ) -> Path:
+        """As `plan_route`."""
+        ...
 
 
 def plan_path(costmap: Costmap, start: Array, goal: Array, options: PlannerOptions | None = None) -> Path:

@@ -16,6 +16,7 @@ from grape.navigation.costmap import PolygonLayer
 from grape.navigation.polygon import in_polygon
 from grape.navigation.route import RouteOptions, row_zones
 from grape.site import Site
+from grape.site_features import crosses_itself, is_number
 
 
 def prohibited(site: Site, options: RouteOptions | None = None) -> PolygonLayer:
@@ -32,37 +33,57 @@ def polygons_from_geojson(document: Mapping[str, Any], datum: Datum, width: floa
         width: m of lines whose feature has no property `width_m`; None refuses them.
 
     Raises:
-        InvalidInput: a polygon with holes, a line without width, or what is no polygon or line.
+        InvalidInput: a ring that is open or crosses itself, a hole, a line without width, or no polygon or line.
     """
-    kind = document.get("type")
+    kind = document.get("type") if isinstance(document, Mapping) else document
     if kind == "FeatureCollection":
-        return tuple(p for feature in document["features"] for p in polygons_from_geojson(feature, datum, width))
+        return tuple(p for part in _parts(document, "features") for p in polygons_from_geojson(part, datum, width))
     if kind == "Feature":
+        if document.get("geometry") is None:  # RFC 7946: a feature without a place
+            return ()
         own = (document.get("properties") or {}).get("width_m", width)
         return polygons_from_geojson(document["geometry"], datum, own)
     if kind == "GeometryCollection":
-        return tuple(p for part in document["geometries"] for p in polygons_from_geojson(part, datum, width))
-    places = document.get("coordinates")
+        return tuple(p for part in _parts(document, "geometries") for p in polygons_from_geojson(part, datum, width))
     if kind == "Polygon":
-        return (_ring(places, datum),)
+        return (_ring(_parts(document, "coordinates"), datum),)
     if kind == "MultiPolygon":
-        return tuple(_ring(rings, datum) for rings in places or ())
+        return tuple(_ring(rings, datum) for rings in _parts(document, "coordinates"))
     if kind in ("LineString", "MultiLineString"):
-        if width is None or not width > 0:
+        if not (is_number(width) and width > 0):
             raise InvalidInput(f"a {kind} needs a width over 0 m: the property width_m, or the argument, got {width}")
+        places = _parts(document, "coordinates")
         lines = [places] if kind == "LineString" else places
-        return tuple(strip for line in lines or () for strip in _strips(_map_points(line, datum), width))
+        return tuple(strip for line in lines for strip in _strips(_map_points(line, datum, least=2), width))
     raise InvalidInput(f"got GeoJSON of type {kind!r}; areas are Polygon, MultiPolygon, LineString, MultiLineString")
 
 
+def _parts(document: Mapping[str, Any], key: str) -> list[Any]:
+    parts = document.get(key)
+    if not isinstance(parts, list):
+        raise InvalidInput(f"a {document['type']} has a list of {key}, got {parts!r:.60}")
+    return parts
+
+
 def _ring(rings: Any, datum: Datum) -> Array:
-    if not rings or len(rings) != 1:
-        raise InvalidInput(f"a prohibited polygon has one ring and no holes, got {len(rings or ())} rings")
-    return _map_points(rings[0], datum)[:-1]
+    if not isinstance(rings, list) or len(rings) != 1:
+        got = f"{len(rings)} rings" if isinstance(rings, list) else f"{rings!r:.60}"
+        raise InvalidInput(f"a prohibited polygon has one ring and no holes, got {got}")
+    points = _map_points(rings[0], datum, least=4)
+    if (points[0] != points[-1]).any():
+        raise InvalidInput(f"a ring ends at its first position, got {rings[0][0]} and {rings[0][-1]}")
+    if crosses_itself(points):
+        raise InvalidInput(f"a ring does not cross itself, the one from {rings[0][0]} does")
+    return points[:-1]
 
 
-def _map_points(positions: Any, datum: Datum) -> Array:
-    places = np.asarray([position[:2] for position in positions], dtype=float)
+def _map_points(positions: Any, datum: Datum, least: int) -> Array:
+    try:
+        places = np.array([[float(number) for number in position[:2]] for position in positions])
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"positions are [longitude, latitude], got {positions!r:.60}") from error
+    if places.shape != (len(positions), 2) or len(places) < least or not (np.abs(places) <= [180.0, 90.0]).all():
+        raise InvalidInput(f"at least {least} positions in -180 .. 180 and -90 .. 90, got {positions!r:.60}")
     return enu_from_geodetic(datum, places[:, 1], places[:, 0], np.full(len(places), datum.altitude_m))[:, :2]
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from grape.planning._compiled import inlined
+
 
 @njit(cache=True)
 def squared_distance_transform(grid):
@@ -67,15 +69,15 @@ def _lower_envelope(f, n, vertex, border, out):
     return True
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def field_at(x, y, z, field, table, grid):
-    """Trilinear distance at a point, outside of the grid the reach; origin, voxel and reach stand at `table[grid:]`."""
-    u = (x - table[grid]) / table[grid + 3]
-    v = (y - table[grid + 1]) / table[grid + 3]
-    w = (z - table[grid + 2]) / table[grid + 3]
+@inlined
+def field_at(x, y, z, field, grid):
+    """Trilinear distance at a point, outside of the grid the reach; `grid` is origin, voxel and reach."""
+    u = (x - grid[0]) / grid[3]
+    v = (y - grid[1]) / grid[3]
+    w = (z - grid[2]) / grid[3]
     nx, ny, nz = field.shape
     if not (u >= 0.0 and v >= 0.0 and w >= 0.0 and u < nx - 1 and v < ny - 1 and w < nz - 1):
-        return table[grid + 4]
+        return grid[4]
     i, j, k = int(u), int(v), int(w)
     a, b, c = u - i, v - j, w - k
     low = (field[i, j, k] * (1 - c) + field[i, j, k + 1] * c) * (1 - b)
@@ -85,17 +87,16 @@ def field_at(x, y, z, field, table, grid):
     return low * (1 - a) + high * a
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def nearest_at(x, y, z, field, table, grid):
+@inlined
+def nearest_at(x, y, z, field, grid):
     """Distance of the voxel whose centre is nearest to a point; see `field_at`."""
-    per_metre = 1.0 / table[grid + 3]
-    u = (x - table[grid]) * per_metre + 0.5
-    v = (y - table[grid + 1]) * per_metre + 0.5
-    w = (z - table[grid + 2]) * per_metre + 0.5
+    per_metre = 1.0 / grid[3]
+    u = (x - grid[0]) * per_metre + 0.5
+    v = (y - grid[1]) * per_metre + 0.5
+    w = (z - grid[2]) * per_metre + 0.5
     nx, ny, nz = field.shape
-    if not (u >= 0.0 and v >= 0.0 and w >= 0.0 and u < nx and v < ny and w < nz):
-        return table[grid + 4]
-    return field[int(u), int(v), int(w)]
+    inside = (u >= 0.0) & (v >= 0.0) & (w >= 0.0) & (u < nx) & (v < ny) & (w < nz)
+    return field[int(u), int(v), int(w)] if inside else grid[4]
 
 
 @njit(cache=True)
@@ -103,5 +104,5 @@ def query_field(points, field, grid):
     """Distance of each point (m, 3)."""
     out = np.empty(len(points))
     for i in range(len(points)):
-        out[i] = field_at(points[i, 0], points[i, 1], points[i, 2], field, grid, 0)
+        out[i] = field_at(points[i, 0], points[i, 1], points[i, 2], field, grid)
     return out

@@ -13,7 +13,7 @@ JUMP_MAX = 0.6  # rad between poses of a line: farther is another branch
 
 
 @njit(cache=True)
-def best_margins(arm, lines, seeds, body, padding, rotation_weight, sigma_full, limit_full, iterations):
+def best_margins(arm, lines, seeds, body, rotation_weight, sigma_full, limit_full, iterations):
     """(m,) the margin 0..1 with which each line (m, k, 4, 4) can be followed, and its posture (m, n) at the start."""
     placements, axes, low, high = arm
     count, n = len(lines), len(axes)
@@ -27,8 +27,8 @@ def best_margins(arm, lines, seeds, body, padding, rotation_weight, sigma_full, 
             if not converged:
                 continue
             start = q.copy()
-            margin = _along(placements, axes, low, high, lines[i], q, body, padding,
-                            rotation_weight, sigma_full, limit_full, margins[i])  # fmt: skip
+            margin = _along(placements, axes, low, high, lines[i], q, body, rotation_weight,
+                            sigma_full, limit_full, margins[i])  # fmt: skip
             if margin > margins[i]:
                 margins[i] = margin
                 postures[i] = start
@@ -38,7 +38,7 @@ def best_margins(arm, lines, seeds, body, padding, rotation_weight, sigma_full, 
 
 
 @njit(cache=True)
-def _along(placements, axes, low, high, line, q, body, padding, rotation_weight, sigma_full, limit_full, least):
+def _along(placements, axes, low, high, line, q, body, rotation_weight, sigma_full, limit_full, least):
     """The least margin along a line from the posture `q` at its start; 0 when it breaks or falls to `least`."""
     shapes, field = body
     margin = 1.0
@@ -58,7 +58,7 @@ def _along(placements, axes, low, high, line, q, body, padding, rotation_weight,
             for r in range(3):
                 J[3 + r, j] *= rotation_weight
         margin = min(margin, np.linalg.svd(J, full_matrices=False)[1][5] / sigma_full)
-        if margin <= least or not state_valid(q, shapes, field, padding, 0.0):
+        if margin <= least or not state_valid(q, shapes, field):
             return 0.0
     return margin
 

@@ -79,16 +79,15 @@ class StateChecker:
         self.model = model
         self.field = field or empty_field()
         self.options = options or CheckerOptions()
-        self._arm = packed(model, self.field.grid)
         self._shape = (model.joint_count,)
+        self._arm = packed(model, self.field, self.options)
         self._distance = self.field.distance
-        self._padding, self._self_padding = self.options.padding_m, self.options.self_padding_m
         self.checked = 0  # states looked at since the start, a measure of work that no clock disturbs
 
     def is_valid(self, q: Array) -> bool:
         """Whether nothing is nearer than the paddings at joint angles `q` (n,) rad."""
         self.checked += 1
-        return _kernels().state_valid(self._joints(q), self._arm, self._distance, self._padding, self._self_padding)
+        return _kernels().state_valid(self._joints(q), self._arm, self._distance)
 
     def clearance(self, q: Array) -> float:
         """What is left of the smallest gap after the padding, m; negative when too near, at most the field's reach."""
@@ -113,7 +112,7 @@ class StateChecker:
 
     def edge_valid(self, q0: Array, q1: Array) -> bool:
         """Whether the straight joint motion from `q0` to `q1`, both (n,) rad, keeps the paddings all along."""
-        return self._edge(q0, q1, self._padding)
+        return self._edge(q0, q1, self.options.padding_m)
 
     def edge_valid_unpadded(self, q0: Array, q1: Array) -> bool:
         """As `edge_valid`, but without the padding to the cloud and boxes: for leaving a place that is too near."""
@@ -125,7 +124,7 @@ class StateChecker:
 
     def _least(self, q: Array) -> tuple[float, int, int, int]:
         self.checked += 1
-        return _kernels().least_clearance(self._joints(q), self._arm, self._distance, self._padding, self._self_padding)
+        return _kernels().least_clearance(self._joints(q), self._arm, self._distance)
 
     def _edge(self, q0: Array, q1: Array, padding: float) -> bool:
         valid, checked = _kernels().edge_valid(
@@ -135,7 +134,7 @@ class StateChecker:
             self._arm,
             self._distance,
             padding,
-            self._self_padding,
+            self.options.self_padding_m,
             self.options.least_step_m,
         )
         self.checked += checked
@@ -148,20 +147,29 @@ class StateChecker:
         return q
 
 
-def packed(model: SphereModel, grid: Array) -> Array:
-    """Everything but the distances in one flat array for the kernels; `_body_kernels.places` says where it stands."""
+def packed(model: SphereModel, field: DistanceField, options: CheckerOptions) -> Array:
+    """Everything but the distances in one table for the kernels; `_body_kernels` says what stands in its rows."""
     capsules = _capsule_columns(model)
     first = np.searchsorted([capsule.joint for capsule in model.capsules], np.arange(model.joint_count + 2))
+    joints = np.concatenate([np.eye(4)[None, :3], model.placements[:, :3]]).reshape(-1, 12)
     pairs = np.searchsorted(capsules[:, 0], model.capsule_pairs[:, [0, 2]])
-    owner = np.repeat(np.arange(len(capsules)), (capsules[:, 1] - capsules[:, 0]).astype(int) + 1)
     boxes = model.box_table if len(model.box_table) else np.zeros((1, 6))
     low, high = (boxes[:, :3] - boxes[:, 3:]).min(axis=0), (boxes[:, :3] + boxes[:, 3:]).max(axis=0)
+    half = 0.5 * field.voxel_m * np.array(field.distance.shape)
     parts = (
-        [model.joint_count, len(capsules), len(pairs), len(model.box_table), len(owner)], grid,
-        model.placements[:, :3], first, capsules, pairs, owner, model.box_table.T, model.box_mask,
-        np.zeros(9 * len(capsules) + len(model.box_table)), 0.5 * (low + high), 0.5 * (high - low),
+        [[model.joint_count, len(capsules), len(pairs), len(model.box_table), len(model.spheres)]],
+        [[options.padding_m, options.self_padding_m]], [field.grid],
+        [[*(field.origin - 0.5 * field.voxel_m + half), *half]], [[*(0.5 * (low + high)), *(0.5 * (high - low))]],
+        np.column_stack([joints, first[:-1], first[1:]]), np.column_stack([capsules, np.zeros((len(capsules), 9))]),
+        np.column_stack([pairs, model.capsule_pairs[:, 4]]), model.box_table.T, model.box_mask,
+        np.zeros((len(capsules), int(np.ptp(capsules[:, :2], axis=1).max()) + 1)),
     )  # fmt: skip
-    return np.concatenate([np.ravel(part) for part in parts]).astype(float)
+    shapes = [np.shape(part) for part in parts]
+    table, row = np.zeros((sum(height for height, _ in shapes), max(width for _, width in shapes))), 0
+    for part, (height, width) in zip(parts, shapes, strict=True):
+        table[row : row + height, :width] = part
+        row += height
+    return table
 
 
 def _capsule_columns(model: SphereModel) -> Array:

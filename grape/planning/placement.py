@@ -15,7 +15,7 @@ from grape.errors import InvalidInput
 from grape.kinematics.arm import ROTATION_WEIGHT, ArmModel
 from grape.kinematics.inverse import scattered_postures
 from grape.messages import Array, frozen_array
-from grape.planning.checker import packed
+from grape.planning.checker import CheckerOptions, packed
 from grape.planning.distance_field import empty_field
 from grape.planning.spheres import SphereModel
 
@@ -85,8 +85,7 @@ def reach_margins(
         (arm.placements, arm.axes, arm.position_min, arm.position_max),
         lines,
         np.array([*seeds, *scattered_postures(arm, options.seeds)]),
-        (packed(body, field.grid), field.distance),
-        options.padding_m,
+        (packed(body, field, CheckerOptions(padding_m=options.padding_m)), field.distance),
         ROTATION_WEIGHT,
         options.sigma_full,
         options.limit_full,

@@ -13,7 +13,7 @@ from rich.markup import escape as plain
 from rich.table import Table
 
 from grape import __version__
-from grape.errors import InvalidInput
+from grape.folders import refuse_unwritable_file
 from grape.mission.page import document, section, table
 from grape.mission.record import write_atomic
 from grape.mission.svg import PALETTE, line_chart
@@ -37,8 +37,8 @@ def bench_command(name: str, file: Path | None, html: Path | None = None) -> Non
     """
     bench: Bench = load(BENCHES, name)
     for option, path in (("--json", file), ("--html", html)):
-        if path is not None and not path.absolute().parent.is_dir():
-            raise InvalidInput(f"{option} {path}: its folder does not exist")
+        if path is not None:
+            refuse_unwritable_file(option, path)
     console = Console()
     console.print(f"[bold]{name}[/]: {plain(bench.summary)}", highlight=False)
     with live_progress(console) as progress:

@@ -14,11 +14,11 @@ from rich.table import Table
 
 from grape import __version__
 from grape.errors import InvalidInput, with_suggestion
+from grape.folders import open_folder
 from grape.mission.page import document, none, section, table
 from grape.mission.record import write_atomic
 from grape.plugins import EXPERIMENTS, find
 from grape.proof import Experiment, Proof, Quantity, parse_seeds
-from grape.proving.folders import open_folder
 from grape.proving.show import figure, live_progress, verdict
 
 SCHEMA = "grape.reproduce/1"

@@ -26,7 +26,6 @@ WORLD_CONTYPE = 1
 WORLD_CONAFFINITY = 4
 DRAWN_ONLY = (Label.BUD, Label.WEED, Label.MARKER)
 MOST_BODIES = 200  # of the world's pieces, until they are put together
-SQUARE_M = 8.0
 GROUND_DEPTH_M = 0.5  # of solid ground under the lowest point
 _HARD = {"solref": [0.004, 1.0], "solimp": [0.98, 0.999, 0.0003, 0.5, 2.0]}
 _PICTURE_SEED = 0  # pictures look the same in every world: only geometry depends on the world's seed
@@ -54,37 +53,39 @@ def world_spec(world: World, near: Array | None = None, radius: float = np.inf, 
     spec.compiler.degree = False
     _look(spec, world.sun)
     _ground(spec, world, np.random.default_rng(_PICTURE_SEED))
-    bodies = _Bodies(spec, by_square=is_large(world))
+    bodies = _Bodies(spec, is_large(world))
     unseen = () if drawn else DRAWN_ONLY
     for capsule in world.capsules:
         if capsule.label in unseen:
             continue
         if capsule.label is Label.WIRE or near is None or np.linalg.norm(capsule.p0[:2] - near) <= radius:
-            _capsule(bodies.of(capsule.name, capsule.p0), capsule)
+            _capsule(bodies.of(capsule.name), capsule)
     for plate in world.plates:
         if plate.label in unseen:
             continue
         if near is None or np.linalg.norm(plate.T_map_plate[:2, 3] - near) <= radius:
-            _plate(spec, bodies.of(plate.name, plate.T_map_plate[:3, 3]), plate)
+            _plate(spec, bodies.of(plate.name), plate)
     return spec
 
 
 class _Bodies:
-    """A static body for each plant, post and wire; in a large vineyard for each square of it.
+    """A static body for each plant, post and wire; in a large vineyard the world's own for all of them.
 
     The many small bodies of the dispensers are each tested against every body whose bounding box they are in: with all
-    plants in one body that was the whole vineyard. But each body costs something in each step, wherever the robot is.
+    plants in one body that is the whole vineyard. But geoms of any other body than the world's cost something in each
+    step, wherever the robot is.
     """
 
-    def __init__(self, spec: mujoco.MjSpec, by_square: bool) -> None:
+    def __init__(self, spec: mujoco.MjSpec, large: bool) -> None:
         self._spec = spec
-        self._by_square = by_square
+        self._large = large
         self._bodies: dict[str, mujoco.MjsBody] = {}
 
-    def of(self, geom: str, place: Array) -> mujoco.MjsBody:
-        """The body of a geom (`r0v3/spur2`, `r0/post1`) that begins at a place (3,) m."""
-        column, row = np.floor(place[:2] / SQUARE_M).astype(int)
-        name = f"square_{column}_{row}" if self._by_square else _owner(geom)
+    def of(self, geom: str) -> mujoco.MjsBody:
+        """The body of a geom (`r0v3/spur2`, `r0/post1`)."""
+        if self._large:
+            return self._spec.worldbody
+        name = _owner(geom)
         if name not in self._bodies:
             self._bodies[name] = self._spec.worldbody.add_body(name=name)
         return self._bodies[name]

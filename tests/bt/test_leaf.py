@@ -118,6 +118,7 @@ def test_feedback_and_path_of_the_running_leaf_can_be_read(bench: SimpleNamespac
 
 FAILURES = {
     "failed": (ActionFailed(Reason.BLOCKED, "a vine"), "aborted", Reason.BLOCKED, "a vine"),
+    "failed for a reason of its own": (ActionFailed("too_dark", "3 of 255"), "aborted", "too_dark", "3 of 255"),
     "rejected": (GoalRejected("too far"), "rejected", Reason.REJECTED_GOAL, "too far"),
     "stale": (StaleData("no scan for 1 s"), "aborted", Reason.STALE_DATA, "no scan for 1 s"),
 }

@@ -60,11 +60,23 @@ def test_a_task_takes_nodes_alone() -> None:
         Task(name="pruning", summary="", actions=(drive_to_pose,))
 
 
-def test_a_plugin_that_cannot_be_imported_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    (tmp_path / "broken_vines.py").write_text("import no_such_module\n")
+@pytest.mark.parametrize(
+    ("line", "cause"),
+    [
+        ("import no_such_module", "ModuleNotFoundError: .*no_such_module"),
+        ("def (:", r"SyntaxError: invalid syntax \(broken_vines_1.py, line 1\)"),
+        ("raise SystemExit('usage: prune')", "SystemExit: usage: prune"),
+        ("from grape.plugins import Task; Task(name='pruning', summary='', actions=(3,))", "InvalidInput: .* got 3"),
+    ],
+)
+def test_a_plugin_that_cannot_be_imported_is_named(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, request: pytest.FixtureRequest, line: str, cause: str
+) -> None:
+    module = f"broken_vines_{request.node.callspec.indices['line']}"
+    (tmp_path / f"{module}.py").write_text(line + "\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    brought(monkeypatch, "pruning", "broken_vines:TASK")
-    with pytest.raises(PluginError, match=r"'pruning' of vine-tools \(broken_vines:TASK\).*no_such_module"):
+    brought(monkeypatch, "pruning", f"{module}:TASK")
+    with pytest.raises(PluginError, match=rf"'pruning' of vine-tools \({module}:TASK\) cannot be loaded: {cause}"):
         load(TASKS, "pruning")
     assert "dispenser" in find(TASKS)
 
@@ -74,10 +86,11 @@ def test_a_plugin_without_its_attribute_is_named() -> None:
         Plugin(group=TASKS, name="errors", target="grape.errors:NOTHING").load()
 
 
-def test_two_plugins_of_one_name_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_of_two_plugins_of_one_name_none_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
     brought(monkeypatch, "dispenser", "vine_pruning:TASK")
-    with pytest.raises(PluginError, match="'dispenser' is brought by grape and by vine-tools"):
-        find(TASKS)
+    assert "dispenser" in find(TASKS)
+    with pytest.raises(PluginError, match="'dispenser' is brought by grape and by vine-tools; remove one"):
+        load(TASKS, "dispenser")
 
 
 def test_an_unknown_name_gets_a_suggestion() -> None:

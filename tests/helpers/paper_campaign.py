@@ -69,6 +69,7 @@ def write_run(
         "ended_by": "tree",
         "detail": "",
         "sim_time_s": 100.0,
+        "wall_time_s": 100.0,
         "real_time_factor": 1.0,
         "plants": [_plant(plant, mode, outcomes.get(plant, "")) for plant, mode in plants],
         "dispensers": {"loaded": 8, "deployed": 2, "left": 6, "lost": 0, "on_hand": 0},
@@ -96,6 +97,8 @@ def _plant(plant: str, mode: str, reason: str) -> dict[str, Any]:
         "mode": mode,
         "outcome": "skipped" if reason else "deployed",
         "reason": reason,
+        "attempts": 1,
+        "servo": {"error_px": None, "iterations": None, "runs": []},
         "cycle_s": None if reason else 40.0,
         "phases_s": {"DriveToPlant": 10.0, "Retract": 5.0},
     }

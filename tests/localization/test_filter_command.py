@@ -97,6 +97,9 @@ def test_wrong_headers_objects_and_files(files, tmp_path):
         (2, ""),
         (3, "vx"),
     ]
+    names = [f'{{"t": 0, "sensor": {name}}}' for name in ('["wheels"]', "{}", "3")]
+    hostile = "\n".join([*names, "[" * 100_000]) + "\n"
+    assert problems(files(hostile, name="b.jsonl")[0]) == [(1, "sensor"), (2, "sensor"), (3, "sensor"), (4, "")]
     assert problems(tmp_path / "none.csv") == [(0, "")]
     (tmp_path / "bytes.csv").write_bytes(b"t,sensor\n0,\xff\n")
     assert problems(tmp_path / "bytes.csv") == [(0, "")]

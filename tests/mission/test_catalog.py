@@ -124,3 +124,36 @@ def test_an_unknown_task_or_world_in_a_mission_lists_what_there_is(package) -> N
         load_mission("winter_pruning", ["task=prunning"])
     with pytest.raises(PluginError, match="there are vineyard"):
         world_type("orchard")
+
+
+def test_what_any_other_group_brings_is_listed_with_where_it_comes_from(package, tmp_path: Path) -> None:
+    package("")
+    info = tmp_path / "vine_tools-1.0.dist-info" / "entry_points.txt"
+    info.write_text("[grape.costmap_layers]\npuddles = vine_tools:Puddles\n[grape.robots]\nrover = vine_tools:ROVER\n")
+    (tmp_path / "vine_tools.py").write_text("class Puddles:\n    pass\nROVER = 'a robot'\n")
+    text = listing()
+    for line in (
+        "inflation, puddles (vine-tools)",
+        "Local planners: pure_pursuit, dwa, teb, mppi",
+        "Global planners: legs",
+        "robi_jaco2, rover (vine-tools)",
+        "grape.robots plugin 'rover' of vine-tools (vine_tools:ROVER) must be a RobotDescription, got str",
+    ):
+        assert line in text
+
+
+def test_a_mission_or_a_node_that_is_broken_keeps_nothing_else_from_being_listed(package, tmp_path: Path) -> None:
+    package("pruning = cane_pruning:TASK")
+    (tmp_path / "winter_pruning.yaml").unlink()
+    (tmp_path / "cane_pruning.py").write_text(MODULE.replace('@action("PruneVine")', '@action("Sequence")'))
+    text = listing()
+    assert "error: mission 'winter_pruning': " in text and "error: task 'pruning': " in text
+    assert "FinishPlant" in text and "dispenser_deployment" in text
+
+
+def test_a_mission_of_a_broken_package_is_missed_with_the_cause(package) -> None:
+    package("pruning = cane_pruning:GONE")
+    with pytest.raises(FileError) as caught:
+        load_mission("winter_pruning")
+    assert "winter_pruning: no such mission; allowed: dispenser_deployment" in str(caught.value)
+    assert "'pruning' of vine-tools (cane_pruning:GONE) cannot be loaded" in str(caught.value)

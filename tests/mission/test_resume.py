@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,9 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from paper_campaign import write_run
 
 from grape.actions.account import RESUMED
 from grape.actions.core import Context, Outcome, Status
+from grape.campaign.plan import make_jobs, make_plan
 from grape.errors import FileError, InvalidInput
 from grape.mission.file import Mission
 from grape.mission.launch import finish, identity, refuse_changed, refuse_lost_world, resume_mission, write_inputs
@@ -101,13 +102,13 @@ def test_a_mission_killed_before_its_ledger_starts_anew(make_runner: Make, tmp_p
     assert next(read_events(tmp_path / "events.jsonl"))["kind"] == "mission_started"
 
 
-def test_a_run_that_has_ended_stays_as_it_is(mission: Mission, tmp_path: Path) -> None:
-    write_inputs(mission, tmp_path)
-    content = json.dumps({"ended_by": "tree", "status": "partial"})
-    (tmp_path / "result.json").write_text(content)
-    done = resume_mission(tmp_path)
+def test_a_run_that_has_ended_stays_as_it_is(tmp_path: Path) -> None:
+    (job,) = make_jobs(make_plan("dispenser_deployment", [], []), [0], tmp_path)
+    write_run(job, status="partial")
+    content = (job.folder / "result.json").read_text()
+    done = resume_mission(job.folder)
     assert not done.resumed and done.result["status"] == "partial"
-    assert (tmp_path / "result.json").read_text() == content
+    assert (job.folder / "result.json").read_text() == content
 
 
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}", "\N{BYTE ORDER MARK}", '{"ended_by": "tree"}'])

@@ -2,12 +2,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from grape import plugins
 from grape.actions import core
 from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
 from grape.drivers import Drivers
@@ -173,12 +175,29 @@ def test_robot_that_faces_away_turns_and_arrives_by_each_planner(setting, planne
     assert np.hypot(along, across) < 0.05 and abs(yaw) < 0.035
 
 
+def test_robot_drives_the_way_that_another_global_planner_finds(setting, tmp_path, monkeypatch):
+    (tmp_path / "scenic_ways.py").write_text(
+        "import numpy as np\nfrom grape.navigation import plan_route\n"
+        "def aside(costmap, start, waypoints, options=None):\n"
+        "    return plan_route(costmap, start, np.vstack([[-1.5, -1.8, 0.0], waypoints[-1:]]), options)\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    entry = EntryPoint(name="aside", value="scenic_ways:aside", group=plugins.GLOBAL_PLANNERS)
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [entry] if group == entry.group else [])
+    machine, ctx = setting()
+    seen = []
+    goal = DriveGoal(x=2.0, y=-0.835, yaw=0.0, global_planner="aside")
+    drive(machine, ctx, goal, lambda t: seen.append(machine.pose[1]))
+    assert min(seen) < -1.5 and abs(seen[-1] - goal.y) < 0.03
+
+
 @pytest.mark.parametrize(
     "goal",
     [
         DriveGoal(x=np.nan, y=0.0, yaw=0.0),
         DriveGoal(x=1.0, y=-2.0, yaw=0.0, speed=0.0),
         DriveGoal(x=1.0, y=-2.0, yaw=0.0, planner="tab"),
+        DriveGoal(x=1.0, y=-2.0, yaw=0.0, global_planner="lags"),
     ],
 )
 def test_impossible_goal_is_rejected_before_anything_moves(setting, goal):

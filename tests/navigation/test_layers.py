@@ -197,17 +197,35 @@ def test_geojson_gives_polygons_and_strips_in_map():
     assert strip == pytest.approx(np.array([[-0.2, -0.2], [5.2, -0.2], [5.2, 0.2], [-0.2, 0.2]]), abs=1e-3)
 
 
+CORNERS = [[10.5, 43.5], [10.6, 43.5], [10.6, 43.6], [10.5, 43.6]]
+
+
 @pytest.mark.parametrize(
-    "geometry",
+    ("geometry", "told"),
     [
-        {"type": "LineString", "coordinates": [[10.5, 43.5], [10.6, 43.5]]},
-        {"type": "Polygon", "coordinates": [[[0, 0]], [[0, 0]]]},
-        {"type": "Point", "coordinates": [10.5, 43.5]},
+        ({"type": "LineString", "coordinates": CORNERS[:2]}, "needs a width"),
+        ({"type": "Feature", "properties": {"width_m": "2"}, "geometry": {"type": "LineString"}}, "needs a width"),
+        ({"type": "Polygon", "coordinates": [[[0, 0]], [[0, 0]]]}, "one ring and no holes, got 2 rings"),
+        ({"type": "Polygon", "coordinates": [CORNERS]}, "ends at its first position"),
+        ({"type": "Polygon", "coordinates": [[CORNERS[k] for k in (0, 2, 1, 3, 0)]]}, "does not cross itself"),
+        ({"type": "Polygon", "coordinates": [[]]}, "at least 4 positions"),
+        ({"type": "Polygon", "coordinates": [[[np.nan, 1], *CORNERS]]}, "at least 4 positions in -180"),
+        ({"type": "Polygon", "coordinates": [[["a", 1], *CORNERS]]}, "positions are"),
+        ({"type": "Polygon", "coordinates": [[[1], *CORNERS]]}, "positions are"),
+        ({"type": "MultiPolygon", "coordinates": CORNERS}, "one ring and no holes"),
+        ({"type": "Polygon"}, "has a list of coordinates, got None"),
+        ({"type": "FeatureCollection", "features": None}, "has a list of features, got None"),
+        ({"type": "Point", "coordinates": [10.5, 43.5]}, "got GeoJSON of type 'Point'"),
+        ([], "got GeoJSON of type"),
     ],
 )
-def test_geometry_that_is_no_area_is_refused(geometry):
-    with pytest.raises(InvalidInput):
+def test_geometry_that_is_no_area_is_refused(geometry, told):
+    with pytest.raises(InvalidInput, match=told):
         polygons_from_geojson(geometry, DATUM)
+
+
+def test_a_feature_without_a_place_has_no_area():
+    assert polygons_from_geojson({"type": "Feature", "geometry": None}, DATUM) == ()
 
 
 def test_slowest_of_the_zones_around_a_point_counts():

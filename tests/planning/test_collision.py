@@ -87,6 +87,18 @@ def test_validity_agrees_with_brute_force(model, fk, states, vine, field):
     assert kinds == {"c", "b", "s"}
 
 
+def test_a_state_is_valid_just_where_its_clearance_is_not_negative(model, field, states):
+    checker = StateChecker(model, field)
+    valid = np.array([checker.is_valid(q) for q in states])
+    pairs = list(zip(states[valid], states[~valid], strict=False))
+    assert len(pairs) > 20
+    for free, hit in pairs:
+        for _ in range(60):  # until the two are neighbours
+            between = 0.5 * (free + hit)
+            assert checker.is_valid(between) == (checker.clearance(between) >= 0.0)
+            free, hit = (between, hit) if checker.is_valid(between) else (free, between)
+
+
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-6, 0.7, np.pi / 2, np.pi])
 @pytest.mark.parametrize("length", [0.0, 0.25])
 def test_the_gap_between_links_is_that_of_their_nearest_spheres(angle, length):
@@ -178,18 +190,14 @@ def test_a_valid_edge_has_only_valid_states(model, field, states):
 
 
 def test_a_valid_edge_is_nowhere_deeper_than_a_step(model, field, states):
-    from grape.planning import _collision_kernels as kernels
-
     checker = StateChecker(model, field)
+    deeper = StateChecker(model, field, CheckerOptions(padding_m=0.0, self_padding_m=-0.01))
     good = [q for q in states if checker.is_valid(q)]
     edges = [(a, a + 0.3 * (b - a)) for a, b in pairwise(good)]
     found = [checker.edge_valid(a, b) for a, b in edges]
     assert 5 < sum(found) < len(found) - 5
     for (a, b), valid in zip(edges, found, strict=True):
-        deep = any(
-            not kernels.state_valid(a + t * (b - a), checker._arm, field.distance, 0.0, -0.01)
-            for t in np.linspace(0.0, 1.0, 41)
-        )
+        deep = any(not deeper.is_valid(a + t * (b - a)) for t in np.linspace(0.0, 1.0, 41))
         assert not (valid and deep)
 
 

@@ -3,11 +3,14 @@
 import os
 from functools import cache
 
+import numpy as np
 import pytest
 
 os.environ.setdefault("MUJOCO_GL", "egl")
 
+from grape.geometry import pose
 from grape.robots.husky_jaco2 import DESCRIPTION as HUSKY
+from grape.sim.dispenser import place_dispenser
 from grape.sim.simulation import Simulation, SimulationOptions
 from grape.sim.worlds import VineyardOptions, generate_vineyard
 
@@ -41,3 +44,18 @@ def simulate():
     yield build
     for simulation in made:
         simulation.close()
+
+
+def place(simulation, index, T_map_loop):
+    """Put a dispenser elsewhere, relaxed and at rest."""
+    physics = simulation._physics
+    place_dispenser(physics.model, physics.data, f"dispenser_{index}", T_map_loop)
+
+
+def over(tip, base, along=0.0):
+    """A loop a little below a tip, its plane square to the spur or nail, its middle `along` beside it."""
+    z = (tip - base) / np.linalg.norm(tip - base)
+    x = np.cross([0.0, 1.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    R = np.column_stack([x, np.cross(z, x), z])
+    return pose(R, tip - 0.015 * z + R @ np.array([0.0, along, 0.0]))

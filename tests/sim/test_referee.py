@@ -10,20 +10,15 @@ from grape.messages import Odometry
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.sim.areas import contains, passes_through, polygons_touch
 from grape.sim.compose import BASE_JOINT
-from grape.sim.dispenser import place_dispenser
 from grape.sim.faults import DropDispenser
 from grape.sim.worlds.model import Label
+from tests.sim.conftest import over, place
 
 
 def beats(simulation, count, estimate=None):
     for _ in range(count):
         simulation.advance()
         simulation.referee.observe(estimate)
-
-
-def place(simulation, index, T_map_loop):
-    physics = simulation._physics
-    place_dispenser(physics.model, physics.data, f"dispenser_{index}", T_map_loop)
 
 
 def move_base(simulation, x, y, yaw=0.0):
@@ -36,15 +31,6 @@ def move_base(simulation, x, y, yaw=0.0):
 
 def truth(simulation):
     return simulation.referee.verdict()["truth"]
-
-
-def over(tip, base, along=0.0):
-    """A loop a little below a tip, its plane square to the spur or nail, its middle `along` beside it."""
-    z = (tip - base) / np.linalg.norm(tip - base)
-    x = np.cross([0.0, 1.0, 0.0], z)
-    x /= np.linalg.norm(x)
-    R = np.column_stack([x, np.cross(z, x), z])
-    return pose(R, tip - 0.015 * z + R @ np.array([0.0, along, 0.0]))
 
 
 def test_loops_that_nobody_touched_are_in_the_feeder(simulate):

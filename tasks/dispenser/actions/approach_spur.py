@@ -64,7 +64,7 @@ def approach_spur(goal: ApproachSpurGoal, ctx: Context) -> Generator[Feedback, N
                 if failure.reason not in TURN_THE_HAND:
                     raise
                 continue
-            ctx.log.event("recovery", how="turned the hand", why=str(first), plant=target.plant)
+            ctx.log.event("hand_turned", plant=target.plant, why=str(first))
             return ApproachSpurResult(approached=turned)
         raise first
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from grape.actions.calibration import adopt_offsets, remember_offsets
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.drive_to_pose import PURE_PURSUIT, DriveGoal, drive_to_pose
+from grape.actions.drive_to_pose import LEGS, PURE_PURSUIT, DriveGoal, drive_to_pose
 from grape.actions.obstacles import OBSTACLES, UNSEEN
 from grape.actions.shortest_way import route_options
 from grape.messages import Array
@@ -29,12 +29,13 @@ class DriveToPlantGoal:
     Attributes:
         plant: id in the site file.
         speed: m/s.
-        planner: name of a local planner.
+        planner, global_planner: names of a local and a global planner.
     """
 
     plant: str
     speed: float = 0.8
     planner: str = PURE_PURSUIT
+    global_planner: str = LEGS
 
 
 @action("DriveToPlant")
@@ -55,7 +56,8 @@ def drive_to_plant(goal: DriveToPlantGoal, ctx: Context) -> Generator[Feedback, 
     x, y, yaw = (float(v) for v in stop_pose(ctx.robot.description, ctx.world.site, goal.plant, stop))
     place = {"ahead_m": stop.ahead_m, "beside_m": stop.beside_m}
     with ctx.ledger.step("drive", goal.plant, moves_base=True, **place):
-        result = yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed, planner=goal.planner), ctx)
+        drive = DriveGoal(x=x, y=y, yaw=yaw, speed=goal.speed, planner=goal.planner, global_planner=goal.global_planner)
+        result = yield from drive_to_pose(drive, ctx)
     remember_offsets(ctx)
     ctx.ledger.remember(PARKED, [goal.plant, stop.ahead_m, stop.beside_m])
     ctx.world.committed[PARKED] = (goal.plant, stop.ahead_m, stop.beside_m)

@@ -6,7 +6,7 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.drive_to_pose import PURE_PURSUIT, DriveGoal, drive_to_pose
+from grape.actions.drive_to_pose import LEGS, PURE_PURSUIT, DriveGoal, drive_to_pose
 from grape.actions.shortest_way import shortest_way
 from grape.errors import ActionFailed, Reason
 from grape.site import RefillPoint
@@ -15,10 +15,11 @@ from grape.tasks.dispenser.actions.drive_to_plant import leave_stop
 
 @dataclass(frozen=True, kw_only=True)
 class DriveToRefillGoal:
-    """Attributes: speed: m/s; planner: name of a local planner."""
+    """Attributes: speed: m/s; planner, global_planner: names of a local and a global planner."""
 
     speed: float = 0.8
     planner: str = PURE_PURSUIT
+    global_planner: str = LEGS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +38,10 @@ def drive_to_refill(goal: DriveToRefillGoal, ctx: Context) -> Generator[Feedback
     leave_stop(ctx)
     x, y = (float(v) for v in point.position)
     with ctx.ledger.step("drive", moves_base=True, refill=point.id):
-        yield from drive_to_pose(DriveGoal(x=x, y=y, yaw=point.yaw_rad, speed=goal.speed, planner=goal.planner), ctx)
+        drive = DriveGoal(
+            x=x, y=y, yaw=point.yaw_rad, speed=goal.speed, planner=goal.planner, global_planner=goal.global_planner
+        )
+        yield from drive_to_pose(drive, ctx)
     return DriveToRefillResult(point=point.id)
 
 
