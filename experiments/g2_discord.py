@@ -48,8 +48,7 @@ def spoilt(log: SkidSteerLog, both: FilterWithAmcl, jump: Array, silent: Sequenc
         if reading.sensor == "wheels" and round(reading.stamp / PERIOD_S) % A_SECOND == 0:
             said.extend((reading.stamp, discord.source, discord.sigma) for discord in both.discords)
 
-    heard = partial(_heard, silent)
-    return followed(log, both.fusion, take, filter(heard, log.readings)), said
+    return followed(log, both.fusion, take, filter(partial(heard, silent), log.readings)), said
 
 
 def accounted(clean: Track, trouble: Track, said: Sequence[Any]) -> dict[str, Any]:
@@ -73,5 +72,6 @@ def accounted(clean: Track, trouble: Track, said: Sequence[Any]) -> dict[str, An
     return found
 
 
-def _heard(silent: Sequence[Spell], reading: Reading) -> bool:
+def heard(silent: Sequence[Spell], reading: Reading) -> bool:
+    """Whether a reading comes: none of GNSS in the silent times."""
     return reading.sensor != "gnss" or not any(first <= reading.stamp <= last for first, last in silent)

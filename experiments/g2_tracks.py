@@ -8,7 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.experiments.session_laser import FilterWithAmcl, session_scans, vineyard_and_map
-from grape.experiments.skid_steer_log import DATUM, LOCAL_SENSORS, PERIOD_S, SkidSteerLog, skid_steer_sensors
+from grape.experiments.skid_steer_log import (
+    DATUM,
+    LOCAL_SENSORS,
+    PERIOD_S,
+    SkidSteerLog,
+    skid_steer_sensors,
+    with_accelerations,
+)
 from grape.geodesy import enu_from_geodetic
 from grape.localization import Cascade, Fusion, FusionOptions, Reading, SensorOptions, components, per_component
 from grape.messages import Array
@@ -119,6 +126,12 @@ def by_one_filter(log: SkidSteerLog) -> Track:
     return followed(log, fusion, fusion.take, log.readings)
 
 
+def by_filter_with_accelerations(log: SkidSteerLog) -> Track:
+    """Wheels, IMU with its accelerations, and GNSS in one filter."""
+    fusion = Fusion(*with_accelerations(), datum=DATUM)
+    return followed(log, fusion, fusion.take, log.all_readings())
+
+
 def by_chained_filters(log: SkidSteerLog) -> Track:
     """The reference's way: a local filter of wheels and IMU, and a global one that gets its estimate and GNSS."""
     sensors = skid_steer_sensors()
@@ -165,7 +178,7 @@ def followed(
     return Track(stamps=np.array(stamps), said=np.array(said), true=true, covariances=np.array(covariances))
 
 
-ONE_FILTER, WITH_AMCL = "EKF", "EKF + AMCL"
+ONE_FILTER, ACCELERATED, WITH_AMCL = "EKF", "EKF with accelerations", "EKF + AMCL"
 WAYS = (
     Way(
         name="wheels only",
@@ -176,6 +189,7 @@ WAYS = (
     ),
     Way(name="GNSS only", colour="#7a7a7a", reference="really accurate, but 1 Hz and no heading", track=by_gnss),
     Way(name=ONE_FILTER, colour="#4878a8", reference="very close to GNSS", track=by_one_filter),
+    Way(name=ACCELERATED, colour="#8a5aa8", reference="very close to GNSS", track=by_filter_with_accelerations),
     Way(name="EKF cascade", colour="#e08a3c", reference="pretty precise, 0.2 to 0.3 s late", track=by_chained_filters),
     Way(name=WITH_AMCL, colour="#5a9c5a", reference="jumped between GNSS and AMCL", track=by_filter_and_amcl),
 )

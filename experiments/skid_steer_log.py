@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
 
 from grape.geodesy import Datum, geodetic_from_enu
 from grape.geometry import pose, rotation_from_rpy
-from grape.localization import Mount, Reading, SensorOptions, components, per_component
+from grape.localization import EkfOptions, FusionOptions, Mount, Reading, SensorOptions, components, per_component
+from grape.localization.state import GRAVITY
 from grape.messages import Array, frozen_array
 
 DATUM = Datum(latitude_deg=43.5, longitude_deg=10.6, altitude_m=120.0)
@@ -24,6 +26,7 @@ STAGE = ((0.5, 0.0, 6.0), (0.0, 0.0, 4.0))  # m/s, rad/s, s: on to the next plan
 STAGES = 25  # of a row
 LOCAL_SENSORS = ("wheels", "imu")
 WHEEL_COMPONENTS = frozen_array(np.array(components("vx", "vy", "vz", "wz")))
+ACCELERATION_COMPONENTS = frozen_array(np.array(components("ax", "ay", "az")))
 IMU_COMPONENTS = frozen_array(np.array(components("roll", "pitch", "yaw", "wx", "wy", "wz")))
 
 
@@ -49,20 +52,34 @@ class SkidSteerNoise:
     heading_std: float = 0.005
     heading_drift: float = 0.01
     heading_drift_s: float = 90.0
+    acceleration_std: float = 0.02  # m/s^2, of means over a period; and the standard deviation of their bias
+    acceleration_bias_std: float = 0.005
     gnss_std: float = 0.015
     gnss_delay_s: float = 0.10
 
 
 @dataclass(frozen=True, kw_only=True)
 class SkidSteerLog:
-    """Truth at 50 Hz: stamps (n,) s, poses (n, 3) x y yaw of base_link, antenna (n, 3) m; all readings as they came."""
+    """Truth at 50 Hz: stamps (n,) s, poses (n, 3) x y yaw of base_link, antenna (n, 3) m; all readings as they came.
+
+    The accelerations of the IMU, one with each of its readings, stand apart: few filters take them.
+    """
 
     stamps: Array
     poses: Array
     antenna: Array
     readings: tuple[Reading, ...]
+    accelerations: tuple[Reading, ...]
     noise: SkidSteerNoise
     seed: int
+
+    def all_readings(self) -> Iterator[Reading]:
+        """The readings, each of the IMU's followed by its accelerations."""
+        accelerations = iter(self.accelerations)
+        for reading in self.readings:
+            yield reading
+            if reading.sensor == "imu":
+                yield next(accelerations)
 
     def index(self, stamp: float) -> int:
         """Which of the stamps is nearest."""
@@ -93,6 +110,28 @@ def skid_steer_sensors() -> dict[str, SensorOptions]:
             relocate_after=20,
         ),
     }
+
+
+def with_accelerations() -> tuple[dict[str, SensorOptions], FusionOptions]:
+    """The same sensors with the IMU's accelerations, which see slip between stops: wheels and motion are given room.
+
+    Source: docs/filter.md.
+    """
+    sensors, noise, motion = skid_steer_sensors(), EkfOptions().noise.copy(), np.zeros(15)
+    sensors["wheels"] = replace(sensors["wheels"], std_per_speed=per_component(vx=0.4))
+    sensors["imu"] = replace(sensors["imu"], std=per_component(roll=0.2, pitch=0.2, yaw=0.5, wx=0.01, wy=0.01, wz=0.01))
+    sensors["accelerometer"] = SensorOptions(
+        components=components("ax", "ay", "az"),
+        mount=Mount(T_base_sensor=T_BASE_IMU),
+        std=per_component(ax=0.02, ay=0.02, az=0.02),
+        still_bias=components("ax", "ay", "az"),
+        delay_s=PERIOD_S,  # means over the last period
+    )
+    noise[3:5], noise[6:9], noise[12:15] = 1e-7, 1e-5, 50.0
+    motion[5:] = EkfOptions().motion_noise[5:]
+    turn = EkfOptions().turn_noise.copy()
+    turn[3:5] = 0.0
+    return sensors, FusionOptions(filter=EkfOptions(noise=noise, motion_noise=motion, turn_noise=turn))
 
 
 def commands(duration_s: float) -> Array:
@@ -128,9 +167,19 @@ def simulate_skid_steer(seed: int, duration_s: float, noise: SkidSteerNoise | No
         if k % 50 == 49:
             arrivals.append((stamp + noise.gnss_delay_s, _gnss_reading(stamp, antenna[k], rng, noise.gnss_std)))
     arrivals.sort(key=lambda item: item[0])
-    readings = tuple(reading for _, reading in arrivals)
-    poses = np.column_stack([places[:, :2], yaw])
-    return SkidSteerLog(stamps=stamps, poses=poses, antenna=antenna, readings=readings, noise=noise, seed=seed)
+    forces = _forces(v[:, None] * R[:, :, 0] + sideways[:, None] * R[:, :, 1], about_up, R, noise, seed)
+    return SkidSteerLog(
+        stamps=stamps,
+        poses=np.column_stack([places[:, :2], yaw]),
+        antenna=antenna,
+        readings=tuple(reading for _, reading in arrivals),
+        accelerations=tuple(
+            Reading(stamp=stamp, sensor="accelerometer", values=forces[k], given=ACCELERATION_COMPONENTS)
+            for k, stamp in enumerate(stamps.tolist())
+        ),
+        noise=noise,
+        seed=seed,
+    )
 
 
 def on_slope(yaw: Array) -> Array:
@@ -168,6 +217,23 @@ def _imu_values(stamps: Array, R: Array, w: Array, noise: SkidSteerNoise, rng: n
     values[:, 5] = np.arctan2(M[:, 1, 0], M[:, 0, 0])
     values[:, 9:12] = w[:, None] * R_base_imu[2] + rng.normal(0, noise.gyro_std, (n, 3))
     values[:, 9:12] += rng.normal(0, noise.gyro_bias_std, 3)
+    return values
+
+
+def _forces(velocities: Array, about_up: Array, R: Array, noise: SkidSteerNoise, seed: int) -> Array:
+    """(n, 15): specific force along the axes of the IMU, its mean since the reading before.
+
+    Args:
+        velocities: (n, 3) m/s of base_link in map.
+        about_up: (n,) rad/s about the base's z.
+        R: (n, 3, 3) R_map_base.
+    """
+    rng, n = np.random.default_rng([seed, 9]), len(R)
+    moving = velocities + np.cross(about_up[:, None] * R[:, :, 2], R @ T_BASE_IMU[:3, 3])
+    forces = np.diff(moving, axis=0, prepend=np.zeros((1, 3))) / PERIOD_S + [0.0, 0.0, GRAVITY]
+    values = np.zeros((n, 15))
+    values[:, 12:] = np.einsum("nji,nj->ni", R @ T_BASE_IMU[:3, :3], forces)
+    values[:, 12:] += rng.normal(0, noise.acceleration_std, (n, 3)) + rng.normal(0, noise.acceleration_bias_std, 3)
     return values
 
 

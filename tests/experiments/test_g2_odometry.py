@@ -11,16 +11,30 @@ import pytest
 from grape.experiments import g2_discord, g2_odometry
 from grape.experiments.filter_consistency import LOOKS, nees
 from grape.experiments.g2_odometry import EXPERIMENT
-from grape.experiments.g2_tracks import WAYS, Track, at_its_fixes, by_gnss, by_one_filter, by_wheels
+from grape.experiments.g2_tracks import (
+    WAYS,
+    Track,
+    at_its_fixes,
+    by_filter_with_accelerations,
+    by_gnss,
+    by_one_filter,
+    by_wheels,
+)
 from grape.experiments.skid_steer_log import (
+    DATUM,
+    PERIOD_S,
     ROW_SPACING_M,
     SLOPE,
+    T_BASE_IMU,
     SkidSteerLog,
     SkidSteerNoise,
     commands,
     on_slope,
     simulate_skid_steer,
+    with_accelerations,
 )
+from grape.localization import Fusion
+from grape.localization.state import GRAVITY
 
 SILENT = SkidSteerNoise(
     slip_std=0.0,
@@ -31,6 +45,8 @@ SILENT = SkidSteerNoise(
     tilt_std=0.0,
     heading_std=0.0,
     heading_drift=0.0,
+    acceleration_std=0.0,
+    acceleration_bias_std=0.0,
     gnss_std=1e-6,
 )
 
@@ -64,6 +80,26 @@ def test_a_log_without_errors_adds_up_to_the_truth() -> None:
     R = on_slope(log.poses[:, 2])
     np.testing.assert_allclose(R.transpose(0, 2, 1) @ R, np.broadcast_to(np.eye(3), R.shape), atol=1e-12)
     np.testing.assert_allclose(R[:, 2, 0], SLOPE * R[:, 0, 0], atol=1e-12)  # forward stays in the plane
+
+
+def test_accelerations_without_errors_add_up_to_the_speed_of_the_imu() -> None:
+    log = simulate_skid_steer(1, 12.0, SILENT)
+    R = on_slope(log.poses[:, 2])
+    forces = np.array([reading.values[12:] for reading in log.accelerations])
+    speeds = np.cumsum(np.einsum("nij,nj->ni", R @ T_BASE_IMU[:3, :3], forces) - [0.0, 0.0, GRAVITY], axis=0) * PERIOD_S
+    places = log.poses[:, :2] + (R @ T_BASE_IMU[:3, 3])[:, :2]
+    np.testing.assert_allclose(speeds[1:, :2], np.diff(places, axis=0) / PERIOD_S, atol=0.01)
+    stamps = [reading.stamp for reading in log.all_readings() if reading.sensor == "accelerometer"]
+    assert stamps == log.stamps.tolist()
+
+
+def test_with_accelerations_the_filter_is_as_near_and_takes_all_of_them(ride: SkidSteerLog) -> None:
+    found = by_filter_with_accelerations(ride)
+    assert np.sqrt(np.mean(found.between(5.0, 16.0).errors ** 2)) < 0.03
+    fusion = Fusion(*with_accelerations(), datum=DATUM)
+    taken = [(reading.sensor, fusion.take(reading)) for reading in ride.all_readings()]
+    accepted = sum(correction.accepted for sensor, found in taken if sensor == "accelerometer" for correction in found)
+    assert accepted > 0.8 * len(ride.accelerations), "all but those before the first fix"
 
 
 def test_gnss_alone_trails_by_its_delay_and_half_its_period(ride: SkidSteerLog) -> None:
@@ -112,6 +148,7 @@ def test_sessions_give_quantities_and_a_page_and_go_on(tmp_path: Path, monkeypat
     figures = {quantity.name: quantity for quantity in proof.quantities}
     assert {f"{way.name}: RMSE" for way in WAYS} <= set(figures)
     assert figures["EKF: RMSE"].met and figures["EKF, 60 s without GNSS: largest error, worst"].n == 1
+    assert figures["EKF with accelerations, 60 s without GNSS: largest error, worst"].met
     assert figures["EKF: moved by a jump of 0.5 m, at most"].met
     kept = json.loads((tmp_path / "session1.json").read_text())
     assert len(kept["moved"]) == len(kept["off"]) == 2 and max(kept["outages"]) > 0.02
