@@ -23,20 +23,23 @@ class SweepGuard:
     Args:
         body: of the arm, with what the hand holds; what the last joint carries is the hand.
         holding: whether that is a dispenser, which dangles.
+
+    Attributes:
+        seen: (n, 3) m in base_link, what was seen, thinned.
     """
 
     def __init__(self, body: SphereModel, holding: bool = False) -> None:
         self._holding = holding
         self._spheres = body.spheres[body.spheres[:, 0] == body.joint_count][:, 1:]
-        self._seen = np.empty((0, 3))
+        self.seen = np.empty((0, 3))
         self._tree: cKDTree | None = None
 
     def add(self, in_hand: Array, T_base_hand: Array) -> None:
         """What one look shows: points (n, 3) m in the hand's frame, of which some may be the hand, and its pose."""
         solid = voxel_grid(transform(T_base_hand, in_hand[~self._own(in_hand)]), CELL_M, LEAST_POINTS)
         if len(solid):
-            self._seen = voxel_grid(np.vstack([self._seen, solid]), CELL_M)
-            self._tree = cKDTree(self._seen)
+            self.seen = voxel_grid(np.vstack([self.seen, solid]), CELL_M)
+            self._tree = cKDTree(self.seen)
 
     def _own(self, in_hand: Array) -> Array:
         """(n,) bool: points on or beside the hand's shape, or where a held dispenser dangles."""

@@ -25,6 +25,9 @@ from grape.tasks.dispenser.row import plant_in_base
 from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, margins_of, orientations
 from grape.tasks.dispenser.targets import HangTarget, hang_line, remember_spurs
 
+NEW_M = (
+    0.03  # from what the scan shows: what was seen near the hand is coarse, and the LiDAR's part of it off by as much
+)
 MOST_UNSEEN_M = 0.12  # of a spur beyond what was seen of it
 ALIKE, EASY = 0.2, 0.6  # margins this near are alike; from here on more of it is worth nothing
 
@@ -71,6 +74,7 @@ def find_deployment_points(
         looks.append((yield from ctx.jobs.run(look, goal.scan, k, box)))
         yield Feedback(status="looking for spurs", progress=0.5 * (k + 1) / len(goal.scan.images))
     poses, cloud = yield from ctx.jobs.run(fuse, looks, goal.scan.sweep, box)
+    cloud = np.vstack([cloud, not_in(cloud, goal.scan.near)])
     ctx.world.committed[OBSTACLES] = Obstacles(cloud)
     ctx.world.committed.pop(UNSEEN, None)
     ctx.ledger.remember(OBSTACLES, cloud.astype(np.float32).tobytes())
@@ -151,6 +155,16 @@ def fuse(looks: Sequence[Look], sweep: Sweep, box: Box) -> tuple[tuple[Deploymen
     wires = going_on(find_wires(sweep.points[sweep.points[:, 2] > box[0][2]]))
     ends = [unseen_ends(pose, [look.view for look in looks]) for pose in poses if looks]
     return poses, np.vstack([cloud, wires, *ends])
+
+
+def not_in(cloud: Array, points: Array) -> Array:
+    """Those of points (n, 3) m that are farther than `NEW_M` from all of a cloud."""
+    if not len(points) or not len(cloud):
+        return points
+    from scipy.spatial import cKDTree
+
+    gaps = cKDTree(cloud).query(points, distance_upper_bound=NEW_M)[0]
+    return points[np.isinf(gaps)]
 
 
 def unseen_ends(pose: DeploymentPose, views: Sequence[DepthView]) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -65,7 +65,8 @@ class ScanVineGoal:
 class VineScan:
     """What a sweep saw, in base_link: LiDAR returns, and depth frames with the camera's poses and its mount.
 
-    `holding` tells whether a dispenser was in the hand, and so in the pictures.
+    `holding` tells whether a dispenser was in the hand, and so in the pictures. `near` (n, 3) m is what was seen near
+    the hand on the way, also what was too near for the frames, or between them.
     """
 
     sweep: Sweep
@@ -73,6 +74,7 @@ class VineScan:
     T_base_camera: tuple[Array, ...]
     T_hand_camera: Array
     holding: bool = False
+    near: Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,8 +98,8 @@ def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, Sca
         )
         path = path if begin == 0 else path.backwards()
         collector = _Collector(ctx, goal.images)
-        yield from _sweep(ctx, arm, goal, path, collector)
-    scan = collector.scan()
+        near = yield from _sweep(ctx, arm, goal, path, collector)
+    scan = collector.scan(near)
     ctx.log.event("scan", plant=goal.plant, returns=len(scan.sweep.points), images=len(scan.images))
     if len(scan.sweep.points) == 0 and not scan.images:
         raise ActionFailed(Reason.STALE_DATA, "neither LiDAR nor camera gave anything during the sweep")
@@ -106,8 +108,12 @@ def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, Sca
 
 def _sweep(
     ctx: Context, arm: ArmDriver, goal: ScanVineGoal, path: SweepPath, collector: _Collector
-) -> Generator[Feedback, None, None]:
-    """Follows the path. Where wood is ahead of the hand it passes over it, or turns back there where it cannot."""
+) -> Generator[Feedback, None, Array]:
+    """Follows the path. Where wood is ahead of the hand it passes over it, or turns back there where it cannot.
+
+    Returns:
+        (n, 3) m in base_link, what was seen near the hand.
+    """
     holding = ctx.ledger.dispensers().get("hand", 0) > 0
     guard = SweepGuard(ctx.robot.loaded_body if holding else ctx.robot.body, holding)
     lookout = _Lookout(ctx, guard)
@@ -119,7 +125,7 @@ def _sweep(
         if higher is None:
             back = path.turned_back(stop)
             if back is None:
-                return
+                break
             done += (1.0 - done) * stop / path.times[-1]
             path, start = back, 0.0
         else:
@@ -127,6 +133,7 @@ def _sweep(
             up = straight(raised(path.at(stop), lift), raised(path.at(stop), higher), duration_s)
             yield from follow_hand_path(ctx, arm, up, duration_s, status="passing over wood")
             start, lift = stop, higher
+    return guard.seen
 
 
 def _until_wood(
@@ -311,7 +318,7 @@ class _Collector:
             self._scans.extend(new)
             self._newest = new[-1].stamp
 
-    def scan(self) -> VineScan:
+    def scan(self, near: Array) -> VineScan:
         """Everything gathered, placed in base_link through stamped transforms."""
         self._read_scans()
         frames = self._ctx.world.frames
@@ -327,4 +334,5 @@ class _Collector:
             T_base_camera=cameras,
             T_hand_camera=camera_mount(self._ctx),
             holding=self._ctx.ledger.dispensers().get("hand", 0) > 0,
+            near=near,
         )

@@ -21,6 +21,7 @@ from grape.tasks.dispenser.actions.find_deployment_points import (
     find_deployment_points,
     fuse,
     look,
+    not_in,
     vine_box,
 )
 from grape.tasks.dispenser.actions.scan_vine import ScanVineGoal, VineScan, scan_vine, sweep_path
@@ -241,6 +242,27 @@ def test_spurs_of_a_scanned_vine_become_reachable_targets(bench: Bench) -> None:
         assert min(np.linalg.norm(target.tip - tip) for tip in spurs) < 0.03
     assert [t.score for t in found] == sorted((t.score for t in found), reverse=True)
     assert len(bench.world.committed[OBSTACLES].cloud) > 100
+
+
+def test_what_was_seen_near_the_hand_is_an_obstacle_where_the_frames_show_nothing() -> None:
+    cloud = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
+    near = np.array([[0.02, 0.0, 0.0], [0.5, 0.0, 0.0]])
+    np.testing.assert_array_equal(not_in(cloud, near), near[1:])
+    assert len(not_in(cloud, near[:0])) == 0 and len(not_in(cloud[:0], near)) == 2
+
+
+def test_wood_too_near_for_the_camera_stays_an_obstacle(bench: Bench) -> None:
+    park_at(bench, "v0")
+    bench.scene.rods = [(np.array([-0.2, 0.955, 0.44]), np.array([1.2, 0.955, 0.44]), 0.02)]
+    bench.scene.rods += [(np.array([0.50, 0.955, 0.44]), np.array([0.50, 0.93, 0.56]), 0.006)]
+    ranges = np.full(361, np.inf)
+    ranges[170:190] = 0.21
+    bench.scanners["wrist_lidar"].ranges = ranges
+    scan = bench.run(scan_vine(ScanVineGoal(plant="v0", return_pitch=0.0), bench.ctx)).scan
+    assert len(scan.near) > 10
+    bench.run(find_deployment_points(FindDeploymentPointsGoal(plant="v0", scan=scan), bench.ctx))
+    gaps = np.linalg.norm(bench.world.committed[OBSTACLES].cloud[:, None] - scan.near[None, :40], axis=2).min(axis=0)
+    assert gaps.max() < 0.03
 
 
 @pytest.mark.parametrize("holding", [False, True])
