@@ -1,7 +1,7 @@
 """Whether a hand on a straight way comes nearer to its target.
 
-Source: the reference's inverted differential kinematics: abort "if d(t) is observed to have grown in time", but "only
-after the arm has moved a few centimeters (e.g. 2-3 cm)".
+Source: the rule by which the reference's inverted differential kinematics gives up: the distance has grown, and the
+first 2 to 3 cm of the way do not count.
 """
 
 from __future__ import annotations

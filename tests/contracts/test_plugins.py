@@ -4,27 +4,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from importlib.metadata import EntryPoint
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import pytest
+from paper_package import brought
 
-from grape import plugins
 from grape.errors import InvalidInput
 from grape.plugins import ROBOTS, TASKS, WORLDS, Plugin, PluginError, Task, find, load
-
-
-def brought(monkeypatch: pytest.MonkeyPatch, name: str, target: str) -> None:
-    """Pretend that a package `vine-tools` is installed with one task."""
-    entry = EntryPoint(name=name, value=target, group=TASKS)
-    vars(entry).update(dist=SimpleNamespace(name="vine-tools"))
-
-    def entry_points(group: str) -> list[Any]:
-        return [entry] if group == TASKS else []
-
-    monkeypatch.setattr(plugins, "entry_points", entry_points)
 
 
 def test_built_in_plugins_are_found() -> None:
@@ -47,7 +33,7 @@ def test_a_task_of_another_package_is_found_and_loaded(monkeypatch: pytest.Monke
         "TASK = Task(name='pruning', summary='', actions=(turn,), conditions=(wait,))\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    brought(monkeypatch, "pruning", "vine_pruning:TASK")
+    brought(monkeypatch, TASKS, "pruning", "vine_pruning:TASK")
     assert find(TASKS)["pruning"].origin == "vine-tools"
     task = load(TASKS, "pruning")
     assert isinstance(task, Task) and [leaf.name for leaf in task.leaves] == ["Turn", "Wait"]
@@ -75,7 +61,7 @@ def test_a_plugin_that_cannot_be_imported_is_named(
     module = f"broken_vines_{request.node.callspec.indices['line']}"
     (tmp_path / f"{module}.py").write_text(line + "\n")
     monkeypatch.syspath_prepend(str(tmp_path))
-    brought(monkeypatch, "pruning", f"{module}:TASK")
+    brought(monkeypatch, TASKS, "pruning", f"{module}:TASK")
     with pytest.raises(PluginError, match=rf"'pruning' of vine-tools \({module}:TASK\) cannot be loaded: {cause}"):
         load(TASKS, "pruning")
     assert "dispenser" in find(TASKS)
@@ -87,7 +73,7 @@ def test_a_plugin_without_its_attribute_is_named() -> None:
 
 
 def test_of_two_plugins_of_one_name_none_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
-    brought(monkeypatch, "dispenser", "vine_pruning:TASK")
+    brought(monkeypatch, TASKS, "dispenser", "vine_pruning:TASK")
     assert "dispenser" in find(TASKS)
     with pytest.raises(PluginError, match="'dispenser' is brought by grape and by vine-tools; remove one"):
         load(TASKS, "dispenser")

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
+from paper_package import brought
 
 from grape import plugins
 from grape.mission import pictures
@@ -32,7 +32,6 @@ def test_a_world_of_another_package_is_shown_with_its_own_options(
         "WORLD = WorldType(options=Options, site=lambda o: VINEYARD.site(VineyardOptions(rows=1)), grow=None)\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    entry = EntryPoint(name="short_yard", value="short_yards:WORLD", group=plugins.WORLDS)
-    monkeypatch.setattr(plugins, "entry_points", lambda group: [entry] if group == entry.group else [])
+    brought(monkeypatch, plugins.WORLDS, "short_yard", "short_yards:WORLD")
     monkeypatch.setattr(pictures, "_take", lambda mission, name, out: [f"{name} {len(mission.site.rows)}"])
     assert pictures.render_scene("short_yard", tmp_path, None, []) == ["short_yard 1"]

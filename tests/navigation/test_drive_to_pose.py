@@ -2,12 +2,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from paper_package import brought
 
 from grape import plugins
 from grape.actions import core
@@ -182,8 +182,7 @@ def test_robot_drives_the_way_that_another_global_planner_finds(setting, tmp_pat
         "    return plan_route(costmap, start, np.vstack([[-1.5, -1.8, 0.0], waypoints[-1:]]), options)\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    entry = EntryPoint(name="aside", value="scenic_ways:aside", group=plugins.GLOBAL_PLANNERS)
-    monkeypatch.setattr(plugins, "entry_points", lambda group: [entry] if group == entry.group else [])
+    brought(monkeypatch, plugins.GLOBAL_PLANNERS, "aside", "scenic_ways:aside")
     machine, ctx = setting()
     seen = []
     goal = DriveGoal(x=2.0, y=-0.835, yaw=0.0, global_planner="aside")

@@ -25,9 +25,7 @@ from grape.tasks.dispenser.row import plant_in_base
 from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, margins_of, orientations
 from grape.tasks.dispenser.targets import HangTarget, hang_line, remember_spurs
 
-NEW_M = (
-    0.03  # from what the scan shows: what was seen near the hand is coarse, and the LiDAR's part of it off by as much
-)
+NEW_M = 0.03  # from the scan's points: those seen near the hand are coarse, and the LiDAR's of them off by as much
 MOST_UNSEEN_M = 0.12  # of a spur beyond what was seen of it
 ALIKE, EASY = 0.2, 0.6  # margins this near are alike; from here on more of it is worth nothing
 

@@ -114,11 +114,10 @@ def _sweep(
     Returns:
         (n, 3) m in base_link, what was seen near the hand.
     """
-    holding = ctx.ledger.dispensers().get("hand", 0) > 0
-    guard = SweepGuard(ctx.robot.loaded_body if holding else ctx.robot.body, holding)
-    lookout = _Lookout(ctx, guard)
+    lookout = _Lookout(ctx)
+    guard = lookout.guard
     start, lift, done = 0.0, 0.0, 0.0
-    while (stop := (yield from _until_wood(ctx, arm, path, start, lift, done, collector, guard, lookout))) is not None:
+    while (stop := (yield from _until_wood(ctx, arm, path, start, lift, done, collector, lookout))) is not None:
         leg_end = next((t for t in path.times if t > stop), stop)
         higher = guard.lift(path.samples(stop, min(max(leg_end, stop + AHEAD_S), path.times[-1])), lift)
         ctx.log.event("sweep_hindered", plant=goal.plant, at=path.at(stop)[:3, 3], lift_m=higher)
@@ -144,7 +143,6 @@ def _until_wood(
     lift: float,
     done: float,
     collector: _Collector,
-    guard: SweepGuard,
     lookout: _Lookout,
 ) -> Generator[Feedback, None, float | None]:
     """Follows a path from a time of it on until something is ahead of the hand.
@@ -157,8 +155,7 @@ def _until_wood(
         lift: m, by which the hand is higher than the path.
         done: share of the whole sweep that lies before the path.
         collector: gets what the sensors see.
-        guard: tells whether something is in the way.
-        lookout: shows it what the sensors see.
+        lookout: tells whether something is in the way.
 
     Returns:
         The path's time at which something is ahead, or None at its end.
@@ -172,7 +169,7 @@ def _until_wood(
         t = start + (feedback.progress or 0.0) * (end - start)
         progress = done + (1.0 - done) * t / end
         collector.collect(progress)
-        if lookout.look() and guard.clearance(path.samples(t, min(t + AHEAD_S, end)), lift) < TIGHT_M:
+        if lookout.look() and lookout.guard.clearance(path.samples(t, min(t + AHEAD_S, end)), lift) < TIGHT_M:
             motion.close()
             return t
         yield replace(feedback, progress=progress)
@@ -180,14 +177,16 @@ def _until_wood(
 
 
 class _Lookout:
-    """Shows a guard what the sensors see near the hand.
+    """Shows its guard what the sensors see near the hand.
 
     The camera measures from 0.2 m on. What is nearer the LiDAR sees, whose plane is 0.1 m ahead of the hand in the
     first pass; farther off its range error would take for wood in the way what is beside it.
     """
 
-    def __init__(self, ctx: Context, guard: SweepGuard) -> None:
-        self._ctx, self._guard = ctx, guard
+    def __init__(self, ctx: Context) -> None:
+        holding = ctx.ledger.dispensers().get("hand", 0) > 0
+        self.guard = SweepGuard(ctx.robot.loaded_body if holding else ctx.robot.body, holding)
+        self._ctx = ctx
         self._T_hand_camera = camera_mount(ctx)
         self._T_hand_lidar = ctx.robot.description.mounts[WRIST_LIDAR].T_parent_sensor
         self._scanned = self._next_look = self._next_image = ctx.clock.now()
@@ -199,7 +198,7 @@ class _Lookout:
             return False
         self._next_look = now + LOOK_PERIOD_S
         for scan in self._ctx.drivers.scans[WRIST_LIDAR].since(self._scanned):
-            self._guard.add(transform(self._T_hand_lidar, near_returns(scan)), self._hand(scan.stamp))
+            self.guard.add(transform(self._T_hand_lidar, near_returns(scan)), self._hand(scan.stamp))
             self._scanned = scan.stamp
         if now >= self._next_image:
             self._next_image = now + IMAGE_PERIOD_S
@@ -207,7 +206,7 @@ class _Lookout:
                 image = self._ctx.camera.latest(max_age_s=0.3)
             except StaleData:
                 return True  # the LiDAR goes on
-            self._guard.add(transform(self._T_hand_camera, image_to_points(image, NEAR)), self._hand(image.stamp))
+            self.guard.add(transform(self._T_hand_camera, image_to_points(image, NEAR)), self._hand(image.stamp))
         return True
 
     def _hand(self, stamp: float) -> Array:
