@@ -105,6 +105,7 @@ class ArmDescription(_Frozen):
     position_min: Array  # (n,) rad, -inf for a continuous joint
     position_max: Array  # (n,) rad, +inf for a continuous joint
     velocity_max: Array  # (n,) rad/s
+    headroom: float  # share of velocity_max that set-points leave to a joint that overruns them
     acceleration_max: Array  # (n,) rad/s^2
     torque_max: Array  # (n,) N m
     servo_lag: float  # s by which the joint servo trails a moving set-point (kv / kp)
@@ -116,6 +117,11 @@ class ArmDescription(_Frozen):
     def __post_init__(self) -> None:
         super().__post_init__()
         object.__setattr__(self, "poses", {name: frozen_array(q, float) for name, q in self.poses.items()})
+
+    @property
+    def set_point_max(self) -> Array:
+        """Joint velocities (n,) rad/s that may be asked for, so that the arm keeps to `velocity_max`."""
+        return (1.0 - self.headroom) * self.velocity_max
 
 
 @dataclass(frozen=True, kw_only=True)

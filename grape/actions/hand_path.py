@@ -110,7 +110,7 @@ def follow_hand_path(
         FingersStuck: the fingers fall behind, by what they tell; fingers that tell nothing are believed.
     """
     options = options or HandPathOptions()
-    solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.velocity_max)
+    solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.set_point_max)
     legs = _Legs(pose_at, options.legs)
     begin = last = ctx.clock.now()
     t, scale, arrived = 0.0, 1.0, begin  # time along the path, its present share of the clock's, when it was at its end

@@ -11,6 +11,7 @@ import numpy as np
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
 from grape.actions.robot import Robot
+from grape.control import TrackingOptions, TrajectoryTracker
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, GoalRejected, Reason, with_suggestion
 from grape.geometry import interpolate
@@ -21,7 +22,7 @@ from grape.trajectory import TimingOptions, Trajectory, time_path
 
 TIMING = TimingOptions(speed=0.95, acceleration=0.8)
 PATIENCE_S = 2.0  # with an arm that tells no joint angles
-SETTLE_S = 3.0  # after the end of a trajectory, for the joints to come to it
+TRACKING = TrackingOptions(gain=5.0, error_max_rad=0.12, rest_s=0.1, settle_s=3.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -206,7 +207,7 @@ def move_to_joints(
     trajectory = yield from ctx.jobs.run(
         time_path,
         path.waypoints,
-        limits.velocity_max,
+        limits.set_point_max,
         limits.acceleration_max,
         TIMING,
         edge_valid=checker.edge_valid_unpadded,
@@ -222,23 +223,13 @@ def follow(ctx: Context, arm: ArmDriver, trajectory: Trajectory, *, status: str)
     Raises:
         ActionFailed: TRACKING_ERROR.
     """
-    gain, tolerance = 5.0, 0.12
+    tracker = TrajectoryTracker(
+        trajectory=trajectory, velocity_max=ctx.robot.description.arm.set_point_max, options=TRACKING
+    )
     begin = ctx.clock.now()
-    while True:
-        elapsed = ctx.clock.now() - begin
-        t = min(elapsed, trajectory.duration)
-        q = ctx.world.joints()
-        reference = trajectory.sample(t)
-        error = reference.position - q
-        worst = int(np.abs(error).argmax())
-        if abs(error[worst]) > tolerance or elapsed > trajectory.duration + SETTLE_S:
-            raise ActionFailed(
-                Reason.TRACKING_ERROR, f"{status}: joint {worst + 1} is {error[worst]:.2f} rad behind its trajectory"
-            )
-        if elapsed >= trajectory.duration + 0.1 and abs(error[worst]) < 0.01:
-            return
-        arm.send(reference.velocity + gain * error)
-        yield Feedback(status=status, progress=trajectory.progress(t))
+    while not (command := tracker.step(ctx.clock.now() - begin, ctx.world.joints())).done:
+        arm.send(command.velocity)
+        yield Feedback(status=status, progress=command.progress)
 
 
 def densely(line: list[Array], step_m: float = 0.03) -> list[Array]:

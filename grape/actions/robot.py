@@ -72,7 +72,7 @@ def build_robot(description: Any) -> Robot:
         planner=JointPlanner(
             limits.position_min,
             limits.position_max,
-            limits.velocity_max,
+            limits.set_point_max,
             PlannerOptions(cable_budget_rad=limits.cable_turns),
         ),
     )

@@ -150,7 +150,7 @@ class _Loop:
     ) -> None:
         self._ctx, self._arm, self._calibrated = ctx, arm, calibrated
         self._name, self._status, self._timeout_s = name, status, timeout_s
-        self._solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.velocity_max, IK, clearance)
+        self._solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.set_point_max, IK, clearance)
         self._begin = self._free = ctx.clock.now()
         self._last: ServoSample | None = None
 

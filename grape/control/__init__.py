@@ -1,4 +1,4 @@
-"""Feedback loops of the arm at 100 Hz: trajectories, straight motions, visual servoing; no clock, no driver."""
+"""Feedback loops of the arm at 100 Hz: trajectories, hand twists, visual servoing; no clock, no driver."""
 
 from grape.control.differential_ik import (
     DifferentialIk,
@@ -9,7 +9,6 @@ from grape.control.differential_ik import (
 )
 from grape.control.features import marker_corners
 from grape.control.ibvs import MarkerServo, MarkerServoOptions, ServoState
-from grape.control.linear_motion import LinearMotion, LinearMotionOptions, LinearMotionStep
 from grape.control.point_servo import PointServo, PointServoOptions, PointServoState
 from grape.control.servo_run import ServoStage
 from grape.control.tracking import TrackingCommand, TrackingOptions, TrajectoryTracker
@@ -18,9 +17,6 @@ __all__ = [
     "DifferentialIk",
     "DifferentialIkOptions",
     "JointVelocityCommand",
-    "LinearMotion",
-    "LinearMotionOptions",
-    "LinearMotionStep",
     "MarkerServo",
     "MarkerServoOptions",
     "PointServo",

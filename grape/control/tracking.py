@@ -20,6 +20,7 @@ class TrackingOptions:
         lag_s: how late the arm follows a velocity; the set-point is taken that far ahead for the feed-forward.
         error_max_rad: more than this at any joint ends the motion.
         done_rad: all joints nearer than this after the end: done.
+        rest_s: how long after the end joints are put right before they may count as done.
         settle_s: how long the arm may take to settle after the end.
     """
 
@@ -27,6 +28,7 @@ class TrackingOptions:
     lag_s: float = 0.0
     error_max_rad: float = 0.15
     done_rad: float = 0.01
+    rest_s: float = 0.0
     settle_s: float = 1.5
 
 
@@ -74,7 +76,7 @@ class TrajectoryTracker:
             raise ActionFailed(Reason.TRACKING_ERROR, f"joint {joint} is {largest:.3f} rad off at {t:.2f} s")
         if t > trajectory.duration + options.settle_s and largest >= options.done_rad:
             raise ActionFailed(Reason.TRACKING_ERROR, f"joint {joint} stays {largest:.3f} rad off after the end")
-        done = t >= trajectory.duration and largest < options.done_rad
+        done = t >= trajectory.duration + options.rest_s and largest < options.done_rad
         velocity = trajectory.sample(t + options.lag_s).velocity + options.gain * error
         velocity = np.clip(velocity, -np.asarray(self.velocity_max), self.velocity_max)
         return TrackingCommand(

@@ -83,6 +83,7 @@ def jaco2(T_base_link_arm_base: Array) -> ArmDescription:
         position_min=np.array([-inf, np.radians(47), np.radians(19), -inf, -inf, -inf]),
         position_max=np.array([inf, np.radians(313), np.radians(341), inf, inf, inf]),
         velocity_max=np.radians([36.0, 36.0, 36.0, 48.0, 48.0, 48.0]),
+        headroom=0.05,
         # Nominally 200 deg/s^2; joints 4-6 cannot exceed 2.5 rad/s^2 with 6.8 N m on an armature of 2 kg m^2.
         acceleration_max=np.array([3.0, 3.0, 3.0, 2.0, 2.0, 2.0]),
         torque_max=np.array([30.5, 30.5, 30.5, 6.8, 6.8, 6.8]),

@@ -48,7 +48,7 @@ def test_arm_keeps_its_speed_limits_on_the_way(bench: Bench) -> None:
         bench.advance()
         speeds.append((bench.arm.q - before) / 0.01)
         before = bench.arm.q
-    assert (np.abs(speeds) <= DESCRIPTION.arm.velocity_max + 1e-9).all()
+    assert (np.abs(speeds) <= DESCRIPTION.arm.set_point_max + 1e-9).all()
     jumps = np.abs(np.diff(np.array(speeds)[5:], axis=0)).max(axis=0) / 0.01
     assert (jumps < 2.5 * DESCRIPTION.arm.acceleration_max).all(), "the path is timed, not jumped"
 
@@ -172,7 +172,7 @@ def test_pose_inside_an_obstacle_is_refused(bench: Bench) -> None:
 def test_arm_that_does_not_move_is_noticed_and_stopped(bench: Bench) -> None:
     bench.arm.stuck = True
     failure = bench.failure(move_arm_to_named(MoveArmToNamedGoal(pose="home"), bench.ctx))
-    assert failure.reason is Reason.TRACKING_ERROR and "rad behind" in failure.detail
+    assert failure.reason is Reason.TRACKING_ERROR and "rad off" in failure.detail
     held(bench)
 
 

@@ -43,6 +43,15 @@ def test_looking_ahead_by_the_lag_makes_the_error_smaller():
     assert max(ahead) < 0.6 * max(plain)
 
 
+def test_rest_after_the_end_brings_the_arm_nearer_to_the_goal():
+    def left(rest_s):
+        options = TrackingOptions(rest_s=rest_s)
+        q = follow(TrajectoryTracker(trajectory=trajectory(), velocity_max=VELOCITY, options=options), lag=0.07)[0]
+        return np.abs(q - 0.3).max()
+
+    assert left(0.5) < 0.5 * left(0.0)
+
+
 def test_speed_limits_hold():
     tracker = TrajectoryTracker(trajectory=trajectory(), velocity_max=0.1 * VELOCITY)
     assert (np.abs(tracker.step(0.5, np.full(6, 0.1)).velocity) <= 0.1 * VELOCITY).all()

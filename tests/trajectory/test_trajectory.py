@@ -2,26 +2,17 @@ import numpy as np
 import pytest
 
 from grape.errors import ActionFailed, InvalidInput, Reason
-from grape.kinematics import ArmModel
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.trajectory import (
-    CartesianPathBroken,
     TimingOptions,
     Trajectory,
     VelocityLimiter,
-    cartesian_path,
     densify,
-    linear_target,
     time_path,
 )
 
 VELOCITY, ACCELERATION = DESCRIPTION.arm.velocity_max, DESCRIPTION.arm.acceleration_max
 CORNERS = np.cumsum(np.random.default_rng(0).uniform(-1, 1, (5, 6)), axis=0)
-
-
-@pytest.fixture(scope="module")
-def arm():
-    return ArmModel.from_mjcf(DESCRIPTION.mjcf)
 
 
 def sampled(trajectory, dt=0.005):
@@ -138,39 +129,3 @@ def test_the_limiter_refuses_nonsense():
         VelocityLimiter(VELOCITY, np.zeros(6))
     with pytest.raises(InvalidInput):
         VelocityLimiter(VELOCITY, ACCELERATION).step(np.full(6, np.nan))
-
-
-def test_the_hand_moves_straight_at_constant_orientation(arm):
-    q = DESCRIPTION.arm.poses["home"]
-    start = arm.fk(q).copy()
-    path = cartesian_path(arm, q, linear_target(start, np.array([0.1, 0.0, 0.1])))
-    poses = np.array([arm.fk(w) for w in path.waypoints])
-    assert np.allclose(poses, path.poses, atol=2e-4)
-    assert np.allclose(poses[:, :3, :3], start[:3, :3], atol=2e-4)
-    assert np.allclose(poses[-1][:3, 3], start[:3, 3] + [0.1, 0.0, 0.1], atol=1e-4)
-    assert np.abs(np.diff(path.waypoints, axis=0)).max() < 0.25
-
-
-def test_a_line_that_leaves_the_reach_tells_how_far_it_got(arm):
-    q = DESCRIPTION.arm.poses["home"]
-    with pytest.raises(CartesianPathBroken) as failure:
-        cartesian_path(arm, q, linear_target(arm.fk(q), np.array([0.1, -1.0, 0.1])))
-    assert failure.value.reason is Reason.UNREACHABLE
-    assert 0.2 < failure.value.fraction < 0.8
-    assert len(failure.value.waypoints) > 10
-    assert "%" in failure.value.detail
-
-
-def test_a_line_into_an_obstacle_tells_how_far_it_got(arm):
-    q = DESCRIPTION.arm.poses["home"]
-    limit = arm.fk(q)[2, 3] + 0.05
-    with pytest.raises(CartesianPathBroken) as failure:
-        cartesian_path(arm, q, linear_target(arm.fk(q), np.array([0.0, 0.0, 0.1])),
-                       edge_valid=lambda a, b: arm.fk(b)[2, 3] < limit)  # fmt: skip
-    assert failure.value.reason is Reason.IN_COLLISION
-    assert failure.value.fraction == pytest.approx(0.5, abs=0.06)
-
-
-def test_a_target_that_is_no_pose_is_refused(arm):
-    with pytest.raises(InvalidInput):
-        cartesian_path(arm, DESCRIPTION.arm.poses["home"], np.ones((4, 4)))
