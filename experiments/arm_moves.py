@@ -18,7 +18,7 @@ from grape.actions.move_arm import (
     move_arm_to_named,
     move_to_pose,
 )
-from grape.actions.robot import Robot, build_robot
+from grape.actions.robot import Robot
 from grape.actions.unwind import UnwindGoal, unwind
 from grape.experiments.arm_bench import Parking
 from grape.experiments.arm_track import Motion, TrackedBench, bend_m, cable_share, off_line_m, turned_rad
@@ -194,25 +194,22 @@ def _track_mm(points: Array, a: Array, b: Array) -> list[tuple[float, float]]:
 
 
 def unwound(seed: int) -> Trial:
-    """Unwinding, from drawn states in which a cable is beyond half of its budget."""
+    """Unwinding, from drawn states clear of the row, a cable between half of its budget and all but 5 % of it."""
     rng, found = np.random.default_rng([seed, 66]), []
-    for _ in range(WOUND):
-        wound = _draw_wound(rng)
+    with TrackedBench(DESCRIPTION, PARKING, small_world(seed)) as bench:
+        expect_row(bench.ctx, VINE)
+        free = draw_free(bench.robot, checker_for(bench.ctx), rng)
+        states = list(islice((q for q in free if 0.5 < cable_share(DESCRIPTION.arm, q) < 0.95), WOUND))
+    for wound in states:
         poses = {**DESCRIPTION.arm.poses, "wound": wound}
         robot = replace(DESCRIPTION, arm=replace(DESCRIPTION.arm, poses=poses))
         with TrackedBench(robot, PARKING, small_world(seed), arm_pose="wound") as bench:
+            expect_row(bench.ctx, VINE)
             begin = cable_share(DESCRIPTION.arm, bench.ctx.world.joints())
             motion = bench.observe(unwind(UnwindGoal(), bench.ctx))
             left = cable_share(DESCRIPTION.arm, bench.ctx.world.joints()) * DESCRIPTION.arm.cable_turns / (2 * np.pi)
             found.append({"begin_share": begin, "turns_left": left, **_outcome(motion)})
     return {"unwound": found}
-
-
-def _draw_wound(rng: np.random.Generator) -> Array:
-    """Joint angles (n,) rad without a collision, a cable between half of its budget and all but 5 % of it."""
-    robot = build_robot(DESCRIPTION)
-    states = draw_free(robot, StateChecker(robot.body), rng)
-    return next(q for q in states if 0.5 < cable_share(DESCRIPTION.arm, q) < 0.95)
 
 
 def astray(seed: int) -> Trial:
