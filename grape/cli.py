@@ -75,7 +75,7 @@ def run(
     world: WorldFile = None,
     assignments: Assignments = None,
     render: Annotated[
-        bool, typer.Option("--render", help="Also take pictures from behind the robot, into render/.")
+        bool, typer.Option("--render", help="Also film it from behind the robot: render/, and in the report.")
     ] = False,
 ) -> None:
     """Run a mission and write its run folder.

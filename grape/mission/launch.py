@@ -18,6 +18,7 @@ from grape.errors import InvalidInput
 from grape.folders import open_folder, refuse_unwritable_folder
 from grape.mission.catalog import nodes, robot_description, world_type
 from grape.mission.file import MAP_FILE, OF_SITE, SIMULATED, Mission, load_mission
+from grape.mission.film import Film
 from grape.mission.ledger import SqliteLedger
 from grape.mission.lock import RunLock
 from grape.mission.progress import Progress
@@ -29,7 +30,6 @@ from grape.mission.runner import Backend, Runner
 from grape.mission.track import csv_of
 from grape.site import save_site
 
-RENDER_PERIOD_S = 10.0
 UNATTENDED_S = 1.0  # simulated between a kill and the next session: longer than any actuator's time-out
 WORLD_FOLDER = "world"  # the simulated world's own; no robot reads it
 INPUTS = ("mission.yaml", "tree.xml", "site.geojson")
@@ -199,7 +199,7 @@ def execute(
         for _ in range(round(UNATTENDED_S * 100)):  # what the world did while nobody spoke to the actuators
             simulation.advance()
     referee = simulation.referee if simulation is not None else None
-    film = Film(folder, lambda: simulation.render()) if render else None
+    film = Film(folder, lambda: simulation.render(width=640, height=480)) if render else None
     runner = Runner(
         scene.mission,
         scene.backend,
@@ -328,38 +328,3 @@ def write_inputs(mission: Mission, folder: Path) -> None:
     text = io.StringIO()
     yaml.dump({**mission.resolved(), "tree": "tree.xml"}, text)
     write_atomic(folder / "mission.yaml", text.getvalue())
-
-
-class Film:
-    """Pictures of a camera that follows the robot, and a contact sheet of them."""
-
-    def __init__(self, folder: Path, picture: Callable[[], Any], period_s: float = RENDER_PERIOD_S) -> None:
-        self._folder = folder / "render"
-        self._folder.mkdir()
-        self._picture = picture
-        self._period_s = period_s
-        self._next_s = 0.0
-        self._frames: list[Any] = []
-
-    def see(self, now: float) -> None:
-        """Take a picture when one is due."""
-        import cv2
-
-        if now < self._next_s:
-            return
-        self._next_s += self._period_s
-        bgr = self._picture()[:, :, ::-1]
-        cv2.imwrite(str(self._folder / f"{now:07.1f}s.jpg"), bgr)
-        self._frames.append(cv2.resize(bgr, (320, 240)))
-
-    def close(self) -> None:
-        """Write the contact sheet: six pictures a line."""
-        import cv2
-
-        if not self._frames:
-            return
-        columns = min(6, len(self._frames))
-        blank = np.full_like(self._frames[0], 255)
-        frames = self._frames + [blank] * (-len(self._frames) % columns)
-        lines = [np.hstack(frames[k : k + columns]) for k in range(0, len(frames), columns)]
-        cv2.imwrite(str(self._folder / "sheet.jpg"), np.vstack(lines))

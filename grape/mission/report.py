@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from grape.mission.film import load_film
 from grape.mission.page import document, none, number, picture, section, table, tiles
 from grape.mission.record import read_events, read_json, write_atomic
 from grape.mission.report_drive import drive_view, estimate_table, load_drive, map_beside_truth
@@ -30,7 +31,7 @@ def write_report(folder: Path) -> None:
     started = [(float(event["t"]), str(event["plant"])) for event in events if event["kind"] == "plant_started"]
     sections = [
         _header(result),
-        section("Drive", drive_view(site, path, plants, drive, started)),
+        section("Drive", drive_view(site, path, plants, drive, started, load_film(folder))),
         section("Plants", _plant_table(result) + _phase_bars(result)),
         section("Pictures", _pictures(folder, events)),
         section("Visual servoing", "".join(servo_card(run) for run in servo_runs(events)) or none("no servo run")),

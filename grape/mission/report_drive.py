@@ -74,7 +74,12 @@ def load_drive(folder: Path) -> Drive:
 
 
 def drive_view(
-    site: Site, path: Array, plants: Mapping[str, Any], drive: Drive, started: Sequence[tuple[float, str]]
+    site: Site,
+    path: Array,
+    plants: Mapping[str, Any],
+    drive: Drive,
+    started: Sequence[tuple[float, str]],
+    film: Sequence[tuple[float, str]] = (),
 ) -> str:
     """The map with all paths, a slider, and what the robot had in view at each moment.
 
@@ -82,6 +87,7 @@ def drive_view(
         path: (n, 4) t, x, y, yaw as estimated, or (n, 7) with the true x, y, yaw.
         plants: the mission's plants by id, as in result.json.
         started: when which plant was begun.
+        film: time and file of each picture of a film, which the page shows beside the map without holding it.
     """
     if not len(path):
         return site_map(site, path, plants, [])
@@ -93,10 +99,10 @@ def drive_view(
     layers += _fixes(site_frame(site, path)[0], drive)
     boxes = [*lines, *([GNSS] if drive.fixes else []), *(["plan"] if drive.plans else [])]
     boxes += (["costmap"] if drive.obstacles else []) + (["scan"] if drive.scans else [])
-    text = json.dumps(_data(site, path, drive, started), separators=(",", ":")).replace("<", "\\u003c")
+    text = json.dumps(_data(site, path, drive, started) | {"film": film}, separators=(",", ":")).replace("<", "\\u003c")
     begin, end = float(path[0, 0]), float(path[-1, 0])
     return (
-        f'<div class="stage" id="drive">{site_map(site, path, plants, layers)}<canvas></canvas></div>'
+        f'<div class="stage" id="drive">{site_map(site, path, plants, layers)}<canvas></canvas></div>{_screen(film)}'
         '<div class="controls"><button id="drive-play" title="play">▶</button>'
         f'<input type="range" id="drive-time" min="{begin:g}" max="{end:g}" step="0.1" value="{begin:g}">'
         '<span id="drive-caption"></span></div>'
@@ -183,6 +189,10 @@ def _box(name: str) -> str:
         f'<label><input type="checkbox" data-layer="{escape(name)}" checked><i style="background:{colour}"></i>'
         f"{escape(NAMES.get(name, name))}</label>"
     )
+
+
+def _screen(film: Sequence[tuple[float, str]]) -> str:
+    return f'<img id="drive-film" alt="what a camera behind the robot saw" src="{film[0][1]}">' if film else ""
 
 
 def _data(site: Site, path: Array, drive: Drive, started: Sequence[tuple[float, str]]) -> dict[str, Any]:

@@ -8,6 +8,7 @@ SCRIPT = """
   const slider = document.getElementById('drive-time'), caption = document.getElementById('drive-caption');
   const play = document.getElementById('drive-play'), follow = document.getElementById('drive-follow');
   const whole = svg.getAttribute('viewBox').split(' ').map(Number);
+  const screen = document.getElementById('drive-film');
   const frame = data.frame, layers = [...document.querySelectorAll('[data-layer]')];
   const metre = frame.width / (frame.x[1] - frame.x[0]);
   const at = (x, y) => [frame.left + (x - frame.x[0]) * metre, frame.top + (frame.y[1] - y) * metre];
@@ -89,6 +90,7 @@ SCRIPT = """
     }
     if (row.length > 4 && shown('truth')) robot(row.slice(4), data.colours.truth, []);
     if (shown('ekf')) robot(pose, data.colours.ekf, [], 'rgba(59,130,196,.25)');
+    if (screen) screen.src = data.film[Math.max(last(data.film, t), 0)][1];
     const plant = last(data.plants, t);
     caption.textContent = t.toFixed(1) + ' s' + (plant >= 0 ? ' \\u00b7 ' + data.plants[plant][1] : '') +
       (driving ? ' \\u00b7 drives' : '');
@@ -99,12 +101,12 @@ SCRIPT = """
     if (timer !== null) return stop();
     if (Number(slider.value) >= Number(slider.max)) slider.value = slider.min;
     play.textContent = '\\u275a\\u275a';
-    timer = setInterval(() => {  // what happens while it stands is passed over
-      const t = Number(slider.value), next = data.path[last(data.path, t) + 1];
+    timer = setInterval(() => {  // without a film, what happens while it stands is passed over
+      const t = Number(slider.value), rows = screen ? data.film : data.path, next = rows[last(rows, t) + 1];
       slider.value = next ? Math.max(t + 0.5, next[0]) : slider.max;
       draw();
       if (!next) stop();
-    }, 60);
+    }, screen ? 150 : 60);
   };
   slider.oninput = () => { stop(); draw(); };
   follow.onchange = draw;

@@ -46,6 +46,7 @@ figure { margin: 0; } figure img { width: 100%; border-radius: 6px; display: blo
 .pair { display: grid; grid-template-columns: 352fr 430fr; gap: 20px; align-items: center; max-width: 900px; }
 .stage { position: relative; } .stage svg * { vector-effect: non-scaling-stroke; }
 .stage canvas { position: absolute; inset: 0; width: 100%; pointer-events: none; }
+#drive-film { display: block; width: 100%; max-width: 640px; margin: 10px auto 0; border-radius: 6px; }
 .controls { display: flex; gap: 12px; align-items: center; margin-top: 8px; }
 .controls input { flex: 1; } .controls button { width: 38px; }
 .controls span { min-width: 190px; font-variant-numeric: tabular-nums; }

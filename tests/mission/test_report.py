@@ -67,6 +67,18 @@ def test_the_page_shows_plants_reasons_pictures_servo_runs_and_failures(page: st
     assert "link_5" in page, "collisions"
 
 
+def test_a_film_plays_beside_the_map(page: str, tmp_path: Path) -> None:
+    assert '<img id="drive-film"' not in page
+    (tmp_path / "render").mkdir()
+    for second in (0, 1):
+        (tmp_path / "render" / f"{second:07.1f}s.jpg").write_bytes(b"jpeg")
+    (tmp_path / "render" / "sheet.jpg").write_bytes(b"jpeg")
+    write_report(tmp_path)
+    filmed = (tmp_path / "report.html").read_text()
+    assert re.findall(r'<img id="drive-film"[^>]* src="([^"]*)"', filmed) == ["render/00000.0s.jpg"]
+    assert drive_data(filmed)["film"] == [[0.0, "render/00000.0s.jpg"], [1.0, "render/00001.0s.jpg"]]
+
+
 def test_every_drawing_is_well_formed(page: str) -> None:
     drawings = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
     assert len(drawings) >= 5
