@@ -51,7 +51,7 @@ class ScanVineGoal:
 
     plant: str
     half_length_m: float = 0.34
-    speed: float = 0.10
+    speed: float = 0.105
     pitch: float = np.radians(80.0)
     stand_off_m: float = 0.44
     height_m: float = 0.40
