@@ -44,7 +44,7 @@ def moved(poses: Array, step: Array, noise: OdometryNoise, rng: np.random.Genera
     second = math.sqrt(noise.turn_by_turn * unbend**2 + noise.turn_by_way * way**2)
     along = math.sqrt(noise.way_by_way * way**2 + noise.way_by_turn * (bend**2 + unbend**2))
     std = np.array([first, along + noise.least_way, second + noise.least_turn])
-    return move(poses, np.array([heading, way, rest]), std, rng.standard_normal((3, len(poses)), np.float32))
+    return move(poses, np.array([heading, way, rest]), std, rng.integers(2**64, dtype=np.uint64))
 
 
 def _least_turn(angle: float) -> float:

@@ -12,6 +12,24 @@ from grape.messages import Array
 
 
 @njit(cache=True)
+def beam_ends(ranges: Array, first: float, step: float, nearest: float, farthest: float, most: int) -> Array:
+    """Points (n, 2) m in the laser's frame where beams end that are longer than `nearest` and shorter than `farthest`.
+
+    Args:
+        ranges: m. first, step: rad, angle of the first beam and from each to the next.
+        most: of more than so many beams so many are chosen evenly.
+    """
+    ended = np.flatnonzero((ranges > nearest) & (ranges < farthest))
+    if ended.size > most:
+        ended = ended[np.arange(most) * (ended.size - 1) // max(most - 1, 1)]
+    points = np.empty((ended.size, 2))
+    for k in range(ended.size):
+        angle = first + step * ended[k]
+        points[k, 0], points[k, 1] = ranges[ended[k]] * np.cos(angle), ranges[ended[k]] * np.sin(angle)
+    return points
+
+
+@njit(cache=True)
 def mark_scan(
     log_odds: Array,
     hits: Array,

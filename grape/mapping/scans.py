@@ -42,11 +42,10 @@ def scan_ends(scan: LaserScan, max_range: float, mount: Array | None = None, mos
 
     Of more than `most` of them so many, evenly chosen.
     """
-    ended = np.flatnonzero((scan.ranges > scan.range_min) & (scan.ranges < max_range))
-    if most is not None and len(ended) > most:
-        ended = ended[np.arange(most) * (len(ended) - 1) // max(most - 1, 1)]
-    r, a = scan.ranges[ended], scan.angle_min + scan.angle_increment * ended
-    points = np.column_stack([r * np.cos(a), r * np.sin(a)])
+    from grape.mapping.beam_kernels import beam_ends
+
+    most = len(scan.ranges) if most is None else most
+    points = beam_ends(scan.ranges, scan.angle_min, scan.angle_increment, scan.range_min, max_range, most)
     return points if mount is None else transform_points(mount, points)
 
 

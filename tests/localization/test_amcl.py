@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from building import building, drifting, laser_scans, way_round
 
 from grape.errors import InvalidInput
 from grape.localization import Amcl, AmclEstimate, AmclOptions, LikelihoodField, OdometryNoise
-from grape.localization.amcl_kernels import heaviest, kld_bound, log_weights, resample
+from grape.localization.amcl_kernels import cos_sin, heaviest, kld_bound, log_weights, normals, resample
 from grape.localization.motion import moved
 from grape.mapping import OccupancyGrid
 from grape.messages import Array
@@ -157,6 +158,27 @@ def test_weights_are_those_of_a_plain_loop(field: LikelihoodField) -> None:
         values = np.full(len(points), field.outside)
         values[inside] = field.log_likelihood[cells[inside][:, 0], cells[inside][:, 1]]
         assert ours_one == pytest.approx(values.mean(), abs=1e-5)
+
+
+def test_cosines_and_sines_are_those_of_numpy() -> None:
+    angles = np.r_[np.linspace(-20.0, 20.0, 10001), np.arange(-8, 9) * np.pi / 4]
+    cosines, sines = cos_sin(angles)
+    np.testing.assert_allclose(cosines, np.cos(angles), atol=1e-6)
+    np.testing.assert_allclose(sines, np.sin(angles), atol=1e-6)
+
+
+def test_errors_of_particles_are_normal_and_do_not_hang_together() -> None:
+    n = 200_000
+    numbers = normals(np.uint64(7), n).astype(float)
+    assert (normals(np.uint64(7), n) == numbers).all() and (normals(np.uint64(8), n) != numbers).mean() > 0.99
+    assert numbers.mean(axis=1) == pytest.approx(np.zeros(3), abs=4.0 / np.sqrt(n))
+    assert numbers.std(axis=1) == pytest.approx(np.ones(3), abs=4.0 / np.sqrt(2 * n))
+    levels = np.linspace(-3.0, 3.0, 25)
+    share = (numbers[:, None, :] < levels[:, None]).mean(axis=2)
+    assert np.abs(share - [NormalDist().cdf(level) for level in levels]).max() < 2.0 / np.sqrt(n)
+    following, other_seed = np.roll(numbers, 1, axis=1), normals(np.uint64(8), n)
+    together = np.corrcoef(np.vstack([numbers, following, other_seed])) - np.eye(9)
+    assert np.abs(together).max() < 5.0 / np.sqrt(n)
 
 
 def test_kld_asks_for_the_particles_of_the_paper() -> None:

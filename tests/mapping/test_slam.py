@@ -40,6 +40,20 @@ def test_beams_end_where_walls_are() -> None:
     assert ranges[0, :2] == pytest.approx([6.0, 6.0 / np.cos(0.3)]) and ranges[0, 2] == np.inf
 
 
+def test_ends_of_a_scan_are_those_of_beams_with_a_return_evenly_chosen() -> None:
+    ranges = np.r_[0.05, np.inf, 9.0, np.linspace(1.0, 4.0, 10)]
+    scan = LaserScan(
+        stamp=0.0, frame_id="laser", angle_min=-1.0, angle_increment=0.2, range_min=0.1, range_max=30.0, ranges=ranges
+    )
+    angles = -1.0 + 0.2 * np.arange(3, 13)
+    expected = ranges[3:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    np.testing.assert_allclose(scan_ends(scan, 9.0), expected, atol=1e-12)
+    np.testing.assert_allclose(scan_ends(scan, 9.0, most=4), expected[[0, 3, 6, 9]], atol=1e-12)
+    assert scan_ends(scan, 0.5).shape == (0, 2)
+    mounted = scan_ends(scan, 9.0, mount=np.array([0.5, 0.0, np.pi / 2]))
+    np.testing.assert_allclose(mounted, np.column_stack([0.5 - expected[:, 1], expected[:, 0]]), atol=1e-12)
+
+
 def test_a_scan_is_found_again_from_a_wrong_guess(house: OccupancyGrid) -> None:
     rng = np.random.default_rng(0)
     true = np.array([3.0, 1.3, 0.1])
