@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -23,10 +23,12 @@ from grape.navigation.planner import GlobalPlanner, PlannerOptions, path_blocked
 from grape.navigation.progress import ProgressChecker
 from grape.navigation.route import waypoints
 from grape.navigation.turning import RoomToTurn, TurnRoomOptions
-from grape.plugins import GLOBAL_PLANNERS, LOCAL_PLANNERS, find, load
+from grape.plugins import GLOBAL_PLANNERS, LOCAL_PLANNERS, PluginError, load, names
 from grape.world import Driving
 
-PURE_PURSUIT, LEGS = "pure_pursuit", "legs"  # planners: local, global
+LocalPlannerName = Annotated[str, names(LOCAL_PLANNERS)]
+GlobalPlannerName = Annotated[str, names(GLOBAL_PLANNERS)]
+PURE_PURSUIT, LEGS = "pure_pursuit", "legs"
 CONTROL_PERIOD_S = 0.05
 REPLAN_S = 2.0
 MAX_REPLANS = 8
@@ -50,8 +52,8 @@ class DriveGoal:
     yaw: float
     speed: float = 0.8
     timeout_s: float = 240.0
-    planner: str = PURE_PURSUIT
-    global_planner: str = LEGS
+    planner: LocalPlannerName = PURE_PURSUIT
+    global_planner: GlobalPlannerName = LEGS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,12 +76,11 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
     target = np.array([goal.x, goal.y, goal.yaw])
     if not np.isfinite(target).all() or not goal.speed > 0.0:
         raise GoalRejected(f"a finite pose and a speed above 0, got {goal}")
-    for what, group, name in (
-        ("local", LOCAL_PLANNERS, goal.planner),
-        ("global", GLOBAL_PLANNERS, goal.global_planner),
-    ):
-        if name not in (known := find(group)):
-            raise GoalRejected(f"no {what} planner {name!r}; there are {', '.join(sorted(known))}")
+    try:
+        load(LOCAL_PLANNERS, goal.planner)
+        load(GLOBAL_PLANNERS, goal.global_planner)
+    except PluginError as unknown:
+        raise GoalRejected(str(unknown)) from unknown
     with ctx.base.lease("DriveToPose") as base:
         speed = min(goal.speed, ctx.robot.description.base.max_linear)
         drive = _Drive(target, replace(goal, speed=speed), ctx)

@@ -6,7 +6,14 @@ from collections.abc import Generator
 from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.drive_to_pose import LEGS, PURE_PURSUIT, DriveGoal, drive_to_pose
+from grape.actions.drive_to_pose import (
+    LEGS,
+    PURE_PURSUIT,
+    DriveGoal,
+    GlobalPlannerName,
+    LocalPlannerName,
+    drive_to_pose,
+)
 from grape.actions.shortest_way import shortest_way
 from grape.errors import ActionFailed, Reason
 from grape.site import RefillPoint
@@ -18,8 +25,8 @@ class DriveToRefillGoal:
     """Attributes: speed: m/s; planner, global_planner: names of a local and a global planner."""
 
     speed: float = 0.8
-    planner: str = PURE_PURSUIT
-    global_planner: str = LEGS
+    planner: LocalPlannerName = PURE_PURSUIT
+    global_planner: GlobalPlannerName = LEGS
 
 
 @dataclass(frozen=True, kw_only=True)
