@@ -8,9 +8,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 from grape.actions.core import Action
-from grape.bt.document import Element
 from grape.bt.ports import NO_DEFAULT, Direction, Leaf, Port, bare, leaf_ports, type_name
 from grape.errors import Problem, did_you_mean
+from grape.xml_document import Element
 
 PORT_TAGS = tuple(str(direction) for direction in Direction)
 NODE_TAGS = ("Action", "Condition", "Control", "Decorator", "SubTree")

@@ -15,8 +15,8 @@ from pydantic import AfterValidator, Field
 
 from grape.actions.core import Context, Feedback, NoGoal, NoResult, action, condition
 from grape.bt import check_tree, load_tree, node_library
-from grape.bt.document import MAX_BYTES
 from grape.errors import FileError, InvalidInput
+from grape.xml_document import MAX_BYTES
 
 
 class Colour(StrEnum):
