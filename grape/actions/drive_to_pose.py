@@ -76,11 +76,8 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
     target = np.array([goal.x, goal.y, goal.yaw])
     if not np.isfinite(target).all() or not goal.speed > 0.0:
         raise GoalRejected(f"a finite pose and a speed above 0, got {goal}")
-    try:
-        load(LOCAL_PLANNERS, goal.planner)
-        load(GLOBAL_PLANNERS, goal.global_planner)
-    except PluginError as unknown:
-        raise GoalRejected(str(unknown)) from unknown
+    planner_named(LOCAL_PLANNERS, goal.planner)
+    planner_named(GLOBAL_PLANNERS, goal.global_planner)
     with ctx.base.lease("DriveToPose") as base:
         speed = min(goal.speed, ctx.robot.description.base.max_linear)
         drive = _Drive(target, replace(goal, speed=speed), ctx)
@@ -97,6 +94,18 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
         return drive.result()
 
 
+def planner_named(group: str, name: str) -> Any:
+    """The planner that a goal names.
+
+    Raises:
+        GoalRejected: none of that name can be loaded.
+    """
+    try:
+        return load(group, name)
+    except PluginError as error:
+        raise GoalRejected(str(error)) from error
+
+
 class _Drive:
     """One drive: sensing, planning and following in their own periods."""
 
@@ -104,7 +113,7 @@ class _Drive:
         self._ctx, self._goal, self._target = ctx, goal, target
         self._senses = BaseSenses(ctx, target[None])
         footprint = self._senses.footprint
-        self._plan_route: GlobalPlanner = load(GLOBAL_PLANNERS, goal.global_planner)
+        self._plan_route: GlobalPlanner = planner_named(GLOBAL_PLANNERS, goal.global_planner)
         self._planner = PlannerOptions(footprint=footprint)
         self._monitor = MonitorOptions(footprint=footprint)
         self._follower = _follower(goal, footprint, self._senses.surroundings.fences())
@@ -310,5 +319,7 @@ class _Drive:
 
 def _follower(goal: DriveGoal, footprint: Footprint, fences: Costmap) -> LocalPlanner:
     """The local planner that a goal names; it turns only where there is room."""
-    planner: LocalPlanner = load(LOCAL_PLANNERS, goal.planner)(PursuitOptions(speed=goal.speed, footprint=footprint))
+    planner: LocalPlanner = planner_named(LOCAL_PLANNERS, goal.planner)(
+        PursuitOptions(speed=goal.speed, footprint=footprint)
+    )
     return RoomToTurn(planner, TurnRoomOptions(footprint=footprint), fences)
