@@ -127,7 +127,7 @@ def test_check_refuses_a_model_that_would_never_be_built(
     ("part", "expected"),
     [
         ('<size nkey="2000000000"/>', "3:7: size: nkey is '2000000000'; allowed: at most 1000"),
-        ('<size njmax="2000000000"/>', "3:7: size: njmax is '2000000000'; allowed: at most 100000"),
+        ('<size njmax="2000000000"/>', "3:7: size: njmax is '2000000000'; allowed: at most 10000"),
         ('<size memory="1T"/>', "3:7: size: memory is '1T'; allowed: at most 1073741824"),
         (
             '<asset><hfield name="h" nrow="3" ncol="100000" size="1 1 1 1"/></asset>',
