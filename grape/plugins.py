@@ -20,6 +20,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from pydantic import AfterValidator
+
 from grape.errors import GrapeError, InvalidInput, with_suggestion
 
 GRAPE = "grape"  # where the built-in ones come from
@@ -232,3 +234,19 @@ def load(group: str, name: str) -> Any:
         sentence = f"{group}: {name!r} is not installed; there are {allowed}"
         raise PluginError(with_suggestion(sentence, name, found))
     return found[name].load()
+
+
+def names(group: str) -> AfterValidator:
+    """What makes a text a plugin's name, checked with the file it stands in: `Annotated[str, names(LOCAL_PLANNERS)]`.
+
+    The check raises InvalidInput when no plugin of this name can be loaded.
+    """
+
+    def check(name: str) -> str:
+        try:
+            load(group, name)
+        except PluginError as error:
+            raise InvalidInput(str(error)) from error
+        return name
+
+    return AfterValidator(check)

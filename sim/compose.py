@@ -12,6 +12,7 @@ import numpy as np
 from grape.errors import InvalidInput
 from grape.kinematics import read_mjcf
 from grape.robots import RobotDescription
+from grape.sim.check import refuse_endless
 from grape.sim.dispenser import dispenser_elements
 from grape.sim.physics import STEP_S
 from grape.sim.render import MAX_HEIGHT, MAX_WIDTH
@@ -91,6 +92,7 @@ def _coarser(terrain: Terrain, step: int) -> Terrain:
 
 def _with_dispensers(robot: RobotDescription, dispensers: int) -> ElementTree.Element:
     """The robot's MJCF with dispensers beside it."""
+    refuse_endless(robot.mjcf)
     root = read_mjcf(robot.mjcf)
     worldbody = root.find("worldbody")
     if worldbody is None:

@@ -120,7 +120,35 @@ def test_check_refuses_a_model_that_would_never_be_built(
     model.write_text(f'<mujoco><worldbody>{open_tag}<geom size="0.1"/>{close_tag}</worldbody></mujoco>')
     code, _, err = grape_command(capsys, "check", str(model))
     assert code == 1
-    assert f"{model}: <" in err and "too many elements; allowed: at most 50000 with all copies" in err
+    assert f"{model}:1:" in err and "too many elements; allowed: at most 50000 with all copies" in err
+
+
+@pytest.mark.parametrize(
+    ("part", "expected"),
+    [
+        ('<size nkey="2000000000"/>', "3:7: size: nkey is '2000000000'; allowed: at most 1000"),
+        ('<size njmax="2000000000"/>', "3:7: size: njmax is '2000000000'; allowed: at most 10000"),
+        ('<size memory="1T"/>', "3:7: size: memory is '1T'; allowed: at most 1073741824"),
+        (
+            '<asset><hfield name="h" nrow="3" ncol="100000" size="1 1 1 1"/></asset>',
+            "3:34: hfield: ncol is '100000'; allowed: at most 5000",
+        ),
+        ('<asset><texture builtin="flat" width="1e6"/></asset>', "3:32: texture: width is '1e6'"),
+        (
+            '<asset><mesh name="m" builtin="cone" params="100000000 .5"/></asset>',
+            "3:38: mesh: params is '100000000 .5'",
+        ),
+    ],
+)
+def test_check_refuses_a_model_that_asks_for_all_memory_where_it_does(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, part: str, expected: str
+) -> None:
+    model, room = tmp_path / "model.xml", tmp_path / "room.xml"
+    model.write_text("<mujoco>\n<include file='room.xml'/>\n<worldbody/>\n</mujoco>")
+    room.write_text(f"<mujoco>\n\n{part}\n</mujoco>")
+    code, _, err = grape_command(capsys, "check", str(model))
+    assert code == 1
+    assert f"{room}:{expected}" in err
 
 
 def test_check_accepts_what_is_built_in(

@@ -84,7 +84,8 @@ def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     folder.mkdir(parents=True)
     write_inputs(mission, folder)
     lines = [{"t": 0.0, "kind": "mission_started"}]
-    lines += [{"t": 9.0, "kind": "action", "status": "aborted", "name": "X", "reason": "timeout", "detail": "late"}]
+    late = {"name": "X", "reason": "timeout", "detail": "late", "start": 1.0, "end": 9.0}
+    lines += [{"t": 9.0, "kind": "action", "status": "aborted", **late}]
     (folder / "events.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
     save_site(mission.site, tmp_path / "vineyard.geojson")
     shutil.copy(mission.tree, tmp_path / "my_tree.xml")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -23,10 +23,12 @@ from grape.navigation.planner import GlobalPlanner, PlannerOptions, path_blocked
 from grape.navigation.progress import ProgressChecker
 from grape.navigation.route import waypoints
 from grape.navigation.turning import RoomToTurn, TurnRoomOptions
-from grape.plugins import GLOBAL_PLANNERS, LOCAL_PLANNERS, find, load
+from grape.plugins import GLOBAL_PLANNERS, LOCAL_PLANNERS, PluginError, load, names
 from grape.world import Driving
 
-PURE_PURSUIT, LEGS = "pure_pursuit", "legs"  # planners: local, global
+LocalPlannerName = Annotated[str, names(LOCAL_PLANNERS)]
+GlobalPlannerName = Annotated[str, names(GLOBAL_PLANNERS)]
+PURE_PURSUIT, LEGS = "pure_pursuit", "legs"
 CONTROL_PERIOD_S = 0.05
 REPLAN_S = 2.0
 MAX_REPLANS = 8
@@ -50,8 +52,8 @@ class DriveGoal:
     yaw: float
     speed: float = 0.8
     timeout_s: float = 240.0
-    planner: str = PURE_PURSUIT
-    global_planner: str = LEGS
+    planner: LocalPlannerName = PURE_PURSUIT
+    global_planner: GlobalPlannerName = LEGS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,12 +76,8 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
     target = np.array([goal.x, goal.y, goal.yaw])
     if not np.isfinite(target).all() or not goal.speed > 0.0:
         raise GoalRejected(f"a finite pose and a speed above 0, got {goal}")
-    for what, group, name in (
-        ("local", LOCAL_PLANNERS, goal.planner),
-        ("global", GLOBAL_PLANNERS, goal.global_planner),
-    ):
-        if name not in (known := find(group)):
-            raise GoalRejected(f"no {what} planner {name!r}; there are {', '.join(sorted(known))}")
+    planner_named(LOCAL_PLANNERS, goal.planner)
+    planner_named(GLOBAL_PLANNERS, goal.global_planner)
     with ctx.base.lease("DriveToPose") as base:
         speed = min(goal.speed, ctx.robot.description.base.max_linear)
         drive = _Drive(target, replace(goal, speed=speed), ctx)
@@ -96,6 +94,18 @@ def drive_to_pose(goal: DriveGoal, ctx: Context) -> Generator[Feedback, None, Dr
         return drive.result()
 
 
+def planner_named(group: str, name: str) -> Any:
+    """The planner that a goal names.
+
+    Raises:
+        GoalRejected: none of that name can be loaded.
+    """
+    try:
+        return load(group, name)
+    except PluginError as error:
+        raise GoalRejected(str(error)) from error
+
+
 class _Drive:
     """One drive: sensing, planning and following in their own periods."""
 
@@ -103,7 +113,7 @@ class _Drive:
         self._ctx, self._goal, self._target = ctx, goal, target
         self._senses = BaseSenses(ctx, target[None])
         footprint = self._senses.footprint
-        self._plan_route: GlobalPlanner = load(GLOBAL_PLANNERS, goal.global_planner)
+        self._plan_route: GlobalPlanner = planner_named(GLOBAL_PLANNERS, goal.global_planner)
         self._planner = PlannerOptions(footprint=footprint)
         self._monitor = MonitorOptions(footprint=footprint)
         self._follower = _follower(goal, footprint, self._senses.surroundings.fences())
@@ -309,5 +319,7 @@ class _Drive:
 
 def _follower(goal: DriveGoal, footprint: Footprint, fences: Costmap) -> LocalPlanner:
     """The local planner that a goal names; it turns only where there is room."""
-    planner: LocalPlanner = load(LOCAL_PLANNERS, goal.planner)(PursuitOptions(speed=goal.speed, footprint=footprint))
+    planner: LocalPlanner = planner_named(LOCAL_PLANNERS, goal.planner)(
+        PursuitOptions(speed=goal.speed, footprint=footprint)
+    )
     return RoomToTurn(planner, TurnRoomOptions(footprint=footprint), fences)

@@ -19,6 +19,7 @@ BEAT_S = 0.01
 SLOWEST = 4.0  # times its duration a path may take
 FINGERS_BEHIND_MAX = 0.2  # rad, that fingers which move along may be behind
 FINGERS_AGE_MAX_S = 0.2
+CABLE_SLACK = 0.1  # rad beyond its budget: a line that was planned to its very end is followed not quite exactly
 JOINT_OFFSETS = "joint_offsets"  # in world.committed: (n,) rad by which the encoders tell too much, where one looked
 
 
@@ -106,12 +107,12 @@ def follow_hand_path(
 
     Raises:
         ActionFailed: TRACKING_ERROR when the hand falls behind by more than the tolerance, or cannot go on;
-            DISTANCE_GROWS when it moves away from the end of a leg.
+            DISTANCE_GROWS when it moves away from the end of a leg; CABLE_BUDGET when it winds a cable too far.
         FingersStuck: the fingers fall behind, by what they tell; fingers that tell nothing are believed.
     """
     options = options or HandPathOptions()
     solver = DifferentialIk.for_arm(ctx.robot.arm, ctx.robot.description.arm.set_point_max)
-    legs = _Legs(pose_at, options.legs)
+    legs, cables = _Legs(pose_at, options.legs), _Cables(ctx)
     begin = last = ctx.clock.now()
     t, scale, arrived = 0.0, 1.0, begin  # time along the path, its present share of the clock's, when it was at its end
     while True:
@@ -123,6 +124,7 @@ def follow_hand_path(
         T_now, T_next = pose_at(t), pose_at(min(t + BEAT_S, duration_s))
         T_hand = ctx.robot.hand_pose(q)
         legs.observe(t, T_hand[:3, 3])
+        cables.check(ctx.world.joints(), status)
         error = pose_error(T_now, T_hand)
         _check_tracking(error, options, status)
         if t < duration_s and now - begin > SLOWEST * duration_s:
@@ -155,6 +157,23 @@ class _Legs:
         if self._ahead:
             self._watch = self._watch or ApproachWatch(p, self._ahead[0][1])
             self._watch.observe(p)
+
+
+class _Cables:
+    """What the cables allow from here; from beyond their budget they may be turned back, not farther."""
+
+    def __init__(self, ctx: Context) -> None:
+        q, planner = ctx.world.joints(), ctx.robot.planner
+        lower, upper = planner.bounds(ctx.robot.description.arm.unwound)
+        self._joints = np.flatnonzero(~(np.isfinite(planner.lower) & np.isfinite(planner.upper)))
+        self._lower, self._upper = np.minimum(lower, q) - CABLE_SLACK, np.maximum(upper, q) + CABLE_SLACK
+
+    def check(self, q: Array, status: str) -> None:
+        """Refuse joint angles (n,) rad at which a cable is wound too far."""
+        for k in self._joints:
+            if not self._lower[k] <= q[k] <= self._upper[k]:
+                detail = f"{status}: joint {k + 1} is at {q[k]:.2f} rad, its cable allows {self._lower[k]:.2f} to"
+                raise ActionFailed(Reason.CABLE_BUDGET, f"{detail} {self._upper[k]:.2f}")
 
 
 def _check_tracking(error: Array, options: HandPathOptions, status: str) -> None:

@@ -14,14 +14,17 @@ from grape.messages import Array
 from grape.navigation.beams import ScanOptions, SliceOptions
 from grape.navigation.costmap import InflationOptions
 from grape.navigation.grid import Footprint
-from grape.navigation.planner import PlannerOptions, plan_route
+from grape.navigation.planner import GlobalPlanner, PlannerOptions, plan_route
 from grape.navigation.route import RouteOptions, row_zones, waypoints
 from grape.navigation.surroundings import Surroundings, SurroundingsOptions
 from grape.site import Site
 
 
-def shortest_way(ctx: Context, goals: Sequence[tuple[float, float, float]]) -> int:
+def shortest_way(ctx: Context, goals: Sequence[tuple[float, float, float]], planner: GlobalPlanner = plan_route) -> int:
     """Index of the goal (x, y, yaw in map) that is nearest by driving, by what the site file says is in the way.
+
+    Args:
+        planner: that the drive will use.
 
     Raises:
         ActionFailed: NO_PATH, with what was wrong with the last, when none can be reached.
@@ -34,7 +37,7 @@ def shortest_way(ctx: Context, goals: Sequence[tuple[float, float, float]]) -> i
     for target in targets:
         stops = waypoints(ctx.world.site.rows, pose, target, route_options(description))
         try:
-            lengths.append(plan_route(costs, pose, stops, PlannerOptions(footprint=footprint)).length)
+            lengths.append(planner(costs, pose, stops, PlannerOptions(footprint=footprint)).length)
         except ActionFailed as failure:
             failed = failure
             lengths.append(np.inf)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from grape.bt.document import Element, read_document
 from grape.errors import FileError, Problem, did_you_mean
+from grape.xml_document import Element, read_document
 
 FORMAT = "4"
 MAX_FILES = 50

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from grape.bt.blackboard import Scope
-from grape.bt.document import Element
 from grape.bt.parse import Parsed
 from grape.bt.ports import fits, parse_literal, type_name
 from grape.bt.tree import Entry, Literal, Node
 from grape.errors import MOST_PROBLEMS, InvalidInput, Problem, did_you_mean
+from grape.xml_document import Element
 
 MAX_TREE_DEPTH = 100
 MAX_TREE_NODES = 5_000

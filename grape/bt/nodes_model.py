@@ -8,9 +8,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 from grape.actions.core import Action
-from grape.bt.document import Element
-from grape.bt.ports import NO_DEFAULT, Direction, Leaf, Port, leaf_ports, type_name
+from grape.bt.ports import NO_DEFAULT, Direction, Leaf, Port, bare, leaf_ports, type_name
 from grape.errors import Problem, did_you_mean
+from grape.xml_document import Element
 
 PORT_TAGS = tuple(str(direction) for direction in Direction)
 NODE_TAGS = ("Action", "Condition", "Control", "Decorator", "SubTree")
@@ -34,7 +34,7 @@ def nodes_model(nodes: Mapping[str, Leaf]) -> str:
 
 
 def _add_port(element: ElementTree.Element, port: Port) -> None:
-    attributes = {"name": port.name, "type": CPP_TYPES.get(port.type) or type_name(port.type)}
+    attributes = {"name": port.name, "type": CPP_TYPES.get(bare(port.type)) or type_name(port.type)}
     default = _default_text(port.default)
     if default is not None:
         attributes["default"] = default
@@ -98,6 +98,7 @@ def _check_port(element: Element, node: str, ports: Mapping[str, Port]) -> Itera
     if element.tag != port.direction:
         yield element.problem(f"port {name!r} of {node!r} is declared as {element.tag}", str(port.direction))
     kind = element.attributes.get("type")
-    if kind is not None and kind not in (CPP_TYPES.get(port.type), type_name(port.type)):
-        allowed = CPP_TYPES.get(port.type) or type_name(port.type)
+    cpp = CPP_TYPES.get(bare(port.type))
+    if kind is not None and kind not in (cpp, type_name(port.type)):
+        allowed = cpp or type_name(port.type)
         yield element.problem(f"port {name!r} of {node!r} is declared as {kind!r}", allowed, "", "type")

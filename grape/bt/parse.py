@@ -9,9 +9,9 @@ from typing import Any
 from grape.actions.core import Action
 from grape.bt.blackboard import reference
 from grape.bt.builtin import BUILTIN, Builtin, Category
-from grape.bt.document import Element
 from grape.bt.ports import Direction, Leaf, Port, leaf_ports, parse_literal, type_name
 from grape.errors import MOST_PROBLEMS, InvalidInput, Problem, did_you_mean
+from grape.xml_document import Element
 
 EXPLICIT = {"Action", "Condition", "Control", "Decorator"}
 IGNORED = {"name", "_uid", "_description", "_fullpath"}  # written by editors, without meaning for a run

@@ -13,7 +13,9 @@ from collections.abc import Mapping
 from dataclasses import MISSING, dataclass
 from enum import StrEnum
 from functools import cache
-from typing import Any
+from typing import Annotated, Any
+
+import pydantic
 
 from grape.actions.core import Action, Condition
 from grape.errors import InvalidInput, Reason, with_suggestion
@@ -75,7 +77,7 @@ def leaf_ports(leaf: Leaf) -> Mapping[str, Port]:
     if isinstance(leaf, Action):
         for port in _ports_of(leaf.result_type, Direction.OUTPUT):
             known = ports.get(port.name)
-            if known is not None and known.type != port.type:
+            if known is not None and bare(known.type) != bare(port.type):
                 raise InvalidInput(
                     f"{leaf.name}: port {port.name!r} is {type_name(known.type)} in the goal and"
                     f" {type_name(port.type)} in the result; give both one type or two names"
@@ -92,7 +94,7 @@ def leaf_ports(leaf: Leaf) -> Mapping[str, Port]:
 
 
 def _ports_of(kind: Any, direction: Direction) -> list[Port]:
-    hints = typing.get_type_hints(kind)
+    hints = typing.get_type_hints(kind, include_extras=True)
     descriptions = _descriptions(inspect.getdoc(kind) or "")
     ports = []
     for field in dataclasses.fields(kind):
@@ -121,6 +123,7 @@ def _descriptions(docstring: str) -> dict[str, str]:
 
 def type_name(kind: Any) -> str:
     """A type as a person writes it: `float`, `tuple[float, float]`, `Outcome`."""
+    kind = bare(kind)
     if kind is Any:
         return "any"
     if isinstance(kind, type) and not typing.get_args(kind):
@@ -131,6 +134,11 @@ def type_name(kind: Any) -> str:
     if typing.get_origin(kind) is tuple:
         return f"tuple[{', '.join('...' if a is ... else type_name(a) for a in arguments)}]"
     return str(kind).replace("typing.", "")
+
+
+def bare(kind: Any) -> Any:
+    """A type without the checks that `Annotated` adds to it."""
+    return typing.get_args(kind)[0] if typing.get_origin(kind) is Annotated else kind
 
 
 def is_union(kind: Any) -> bool:
@@ -163,6 +171,8 @@ def parse_literal(text: str, kind: Any) -> Any:
     Raises:
         InvalidInput: the text does not fit, or the type can only come from the blackboard.
     """
+    if typing.get_origin(kind) is Annotated:
+        return _checked(parse_literal(text, bare(kind)), kind)
     if is_union(kind):
         return _parse_union(text, kind)
     if kind is str or kind is Any:
@@ -182,6 +192,15 @@ def parse_literal(text: str, kind: Any) -> Any:
     if kind in (int, float):
         raise InvalidInput(f"{text!r} is no {'finite number' if kind is float else 'whole number'}")
     raise InvalidInput(f"a {type_name(kind)} cannot be written as text; give a blackboard entry as {{key}}")
+
+
+def _checked(value: Any, kind: Any) -> Any:
+    """The value, which passes the checks of an `Annotated` type."""
+    try:
+        return pydantic.TypeAdapter(kind).validate_python(value)
+    except pydantic.ValidationError as error:
+        first = error.errors()[0]
+        raise InvalidInput(str(first.get("ctx", {}).get("error", f"{value!r}: {first['msg']}"))) from error
 
 
 def _parse_union(text: str, kind: Any) -> Any:
@@ -215,6 +234,7 @@ def _choose(text: str, choices: Mapping[str, Any]) -> Any:
 
 def fits(written: Any, read: Any) -> bool:
     """Whether a value of type `written` may be read by a port of type `read`; what cannot be decided passes."""
+    written, read = bare(written), bare(read)
     if written == read or Any in (written, read) or object in (written, read):
         return True
     if is_union(written) or is_union(read):

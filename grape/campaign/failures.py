@@ -83,7 +83,7 @@ def _cause(plant: PlantRun, mission_detail: str) -> tuple[str, str, str, float, 
 
 
 def _lost_failure(run: RunData, folder: Path) -> Failure:
-    result, last = run.result, run.plants[-1]
+    result, picture = run.result, run.plants[-1].last_picture if run.plants else ""
     wrong = misplaced(result["places"], true_places(result["truth"])) if "places" in result else {}
     counted = ", ".join(f"{number} at {place}" for place, number in wrong.items() if place != "lost")
     return Failure(
@@ -95,7 +95,7 @@ def _lost_failure(run: RunData, folder: Path) -> Failure:
         reason="lost unnoticed",
         detail=f"lies on the ground, but is counted elsewhere: {counted}",
         time_s=float(result["sim_time_s"]),
-        picture=(run.job.folder.relative_to(folder) / last.last_picture).as_posix() if last.last_picture else "",
+        picture=(run.job.folder.relative_to(folder) / picture).as_posix() if picture else "",
         replay=run.job.replay,
     )
 

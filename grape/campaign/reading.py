@@ -10,6 +10,7 @@ from typing import Any
 from grape.campaign.plan import Job
 from grape.config import load_yaml
 from grape.mission.record import read_events
+from grape.mission.record_lines import EVENTS, CheckLine
 
 # What reports call some keys of the mission file.
 CONDITIONS: Mapping[str, str] = MappingProxyType(
@@ -92,7 +93,7 @@ class _PlantEvents:
 
 def read_run(job: Job, result: Mapping[str, Any]) -> RunData:
     """A finished mission from its folder."""
-    events = list(read_events(job.folder / "events.jsonl"))
+    events = list(read_events(job.folder / "events.jsonl", {**EVENTS, "check": CheckLine}))
     conditions = _conditions(job)
     by_plant = _by_plant(events)
     all_pictures = [event for event in events if event["kind"] == "picture"]

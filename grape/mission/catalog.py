@@ -50,21 +50,32 @@ def broken(groups: Iterable[str] = tuple(BUILT_IN)) -> tuple[str, ...]:
 
 
 def missions() -> dict[str, Path]:
-    """Mission files of every task by name.
-
-    Raises:
-        PluginError: two tasks bring one name.
-    """
-    return _files("mission", {name: task.missions for name, task in tasks().items()})
+    """Mission files of every task by name; by `task/name` where several tasks bring one name."""
+    return _by_shortest_name(_brought("missions"))
 
 
 def trees() -> dict[str, Path]:
-    """Tree files of every task by name.
+    """Tree files of every task by name; by `task/name` where several tasks bring one name."""
+    return _by_shortest_name(_brought("trees"))
+
+
+def mission_file(name: str) -> Path | None:
+    """The mission file of a name or `task/name`, None when no task brings it.
 
     Raises:
-        PluginError: two tasks bring one name.
+        PluginError: several tasks bring it.
     """
-    return _files("tree", {name: task.trees for name, task in tasks().items()})
+    return _the_one("mission", _brought("missions"), name)
+
+
+def tree_file(name: str, task: str = "") -> Path | None:
+    """The tree file of a name or `task/name`, None when no task brings it; a task's own tree comes first.
+
+    Raises:
+        PluginError: several tasks bring it, and not the one that is given.
+    """
+    brought = _brought("trees")
+    return brought.get((task, name)) or _the_one("tree", brought, name)
 
 
 def robots() -> tuple[str, ...]:
@@ -118,11 +129,29 @@ def _loadable(group: str) -> dict[str, Any]:
     return found
 
 
-def _files(what: str, brought: Mapping[str, Mapping[str, Path]]) -> dict[str, Path]:
-    found: dict[str, Path] = {}
-    for task, files in brought.items():
-        for name, path in files.items():
-            if found.setdefault(name, path) != path:
-                owner = next(other for other, theirs in brought.items() if name in theirs)
-                raise PluginError(f"{what} {name!r} is brought by the tasks {owner!r} and {task!r}; remove one")
-    return found
+def _brought(what: str) -> dict[tuple[str, str], Path]:
+    """The files of every task that can be loaded, by task and name."""
+    return {(task, name): path for task, brings in tasks().items() for name, path in getattr(brings, what).items()}
+
+
+def _by_shortest_name(brought: Mapping[tuple[str, str], Path]) -> dict[str, Path]:
+    shared = {name for _, name in brought if len(_files_of(brought, name)) > 1}
+    return {f"{task}/{name}" if name in shared else name: path for (task, name), path in brought.items()}
+
+
+def _the_one(what: str, brought: Mapping[tuple[str, str], Path], name: str) -> Path | None:
+    task, _, own = name.rpartition("/")
+    if (task, own) in brought:
+        return brought[task, own]
+    files = _files_of(brought, name)
+    if len(files) > 1:
+        found = find(TASKS)
+        owners = " and ".join(f"{task!r} of {found[task].origin}" for task in files.values())
+        ways = " or ".join(f"{task}/{name}" for task in files.values())
+        raise PluginError(f"{what} {name!r} is brought by the tasks {owners}; name {ways}")
+    return next(iter(files), None)
+
+
+def _files_of(brought: Mapping[tuple[str, str], Path], name: str) -> dict[Path, str]:
+    """The task that brings each file of a name."""
+    return {path: task for (task, known), path in brought.items() if known == name}

@@ -8,7 +8,17 @@ from pathlib import Path
 
 from grape.config import load_yaml, read_text, validate_options
 from grape.errors import FileError, GrapeError, Problem, did_you_mean
-from grape.mission.catalog import missions, nodes, robot_description, robots, trees, world_type, worlds
+from grape.mission.catalog import (
+    mission_file,
+    missions,
+    nodes,
+    robot_description,
+    robots,
+    tree_file,
+    trees,
+    world_type,
+    worlds,
+)
 from grape.plugins import TASKS, load
 
 KINDS = "mission or world (.yaml), site (.geojson), tree or MJCF (.xml), or the name of a robot, mission or tree"
@@ -56,12 +66,11 @@ def _check(name: str, task: str) -> str:
 def _check_name(name: str, task: str) -> str:
     if name in robots():
         return _check_robot(name)
-    known_missions, known_trees = missions(), trees()
-    if name in known_missions:
-        return _check_yaml(known_missions[name])
-    if name in known_trees:
-        return _check_xml(known_trees[name], task)
-    known = [*robots(), *known_missions, *known_trees]
+    if (mission := mission_file(name)) is not None:
+        return _check_yaml(mission)
+    if (tree := tree_file(name, task)) is not None:
+        return _check_xml(tree, task)
+    known = [*robots(), *missions(), *trees()]
     if "/" in name or Path(name).suffix:
         read_text(Path(name))
     raise FileError(

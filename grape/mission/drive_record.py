@@ -16,6 +16,7 @@ from grape.localization import GnssConfig, wheel_speeds
 from grape.localization.measurements import base_position
 from grape.messages import Array, JointState
 from grape.mission.record import cut_torn_line, read_events
+from grape.mission.record_lines import DRIVES
 from grape.world import Driving, World
 
 WHEELS = "wheels"
@@ -142,7 +143,7 @@ class DriveRecord:
 
 def read_drive(path: Path) -> Iterator[dict[str, Any]]:
     """The lines of a run's drive.jsonl, oldest first; none where there is no such file."""
-    return read_events(path) if path.exists() else iter(())
+    return read_events(path, DRIVES) if path.exists() else iter(())
 
 
 def changed(cells: set[tuple[int, int]], line: dict[str, Any]) -> set[tuple[int, int]]:

@@ -12,11 +12,21 @@ from pydantic import Field
 
 from grape.config import Document, Model, load_yaml, override, read_text, validate, validate_options
 from grape.errors import FileError, InvalidInput, Problem, did_you_mean
-from grape.mission.catalog import broken, missions, robot_description, robots, trees, world_type, worlds
+from grape.mission.catalog import (
+    broken,
+    mission_file,
+    missions,
+    robot_description,
+    robots,
+    tree_file,
+    trees,
+    world_type,
+    worlds,
+)
 from grape.mission.faults import MissionFault, check_faults
 from grape.mission.refill import Refill as Refill
 from grape.mission.refill import check_refill
-from grape.plugins import TASKS, find, load
+from grape.plugins import TASKS, PluginError, find, load
 from grape.site import Plant, Site, load_site
 
 MODES = {"nail": ("nail", "auto"), "vine": ("plant", "plant_open_loop", "auto")}  # the first is what auto means
@@ -170,15 +180,17 @@ def mission_path(name: str) -> Path:
 
     Raises:
         FileError: neither exists.
+        PluginError: several tasks bring a mission of that name.
     """
-    known = missions()
-    if name in known:
-        return known[name]
+    brought = mission_file(name)
+    if brought is not None:
+        return brought
     path = Path(name)
     if path.is_file():
         return path
     if path.suffix in (".yaml", ".yml") or "/" in name:
         read_text(path)
+    known = missions()
     allowed, hint = f"{', '.join(known)}, or the path of a YAML file", did_you_mean(name, known)
     unknown = Problem(file=name, got="no such mission", allowed=allowed, suggestion=hint)
     raise FileError([unknown, *(Problem(file=name, got=text) for text in broken((TASKS,)))])
@@ -201,11 +213,16 @@ def _check_names(file: MissionFile, document: Document, folder: Path, problems: 
         if value not in known:
             hint = did_you_mean(value, known)
             problems.append(document.problem((kind,), f"got {value!r}", ", ".join(known), hint))
-    known_trees = trees()
-    if file.tree in known_trees:
-        return known_trees[file.tree]
+    try:
+        brought = tree_file(file.tree, file.task)
+    except PluginError as error:
+        problems.append(document.problem(("tree",), str(error)))
+        return folder / file.tree
+    if brought is not None:
+        return brought
     tree = folder / file.tree
     if not tree.is_file():
+        known_trees = trees()
         allowed, hint = f"{', '.join(known_trees)}, or the path of an XML file", did_you_mean(file.tree, known_trees)
         problems.append(document.problem(("tree",), f"got {file.tree!r}", allowed, hint))
     return tree

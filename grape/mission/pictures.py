@@ -6,7 +6,7 @@ from pathlib import Path
 
 from grape.errors import FileError, Problem, did_you_mean
 from grape.folders import refuse_unwritable_folder
-from grape.mission.catalog import missions, robot_description, world_type, worlds
+from grape.mission.catalog import mission_file, missions, robot_description, world_type, worlds
 from grape.mission.file import Mission, load_mission
 
 DEFAULT = "dispenser_deployment"
@@ -32,10 +32,10 @@ def _mission_of(subject: str, overrides: list[str]) -> tuple[Mission, str]:
     if subject in worlds():
         return load_mission(DEFAULT, ["plants=null", ANY_PLANT, f"world={{type: {subject}}}", *overrides]), subject
     is_site = path.suffix in (".geojson", ".json")
-    is_world = path.suffix in (".yaml", ".yml") and subject not in missions() and path.is_file()
+    is_world = path.suffix in (".yaml", ".yml") and mission_file(subject) is None and path.is_file()
     if is_site or (is_world and "type" in load_yaml(path).data):
         return load_mission(DEFAULT, ["plants=null", ANY_PLANT, *overrides], path), path.stem
-    if subject not in missions() and not path.suffix and not path.is_file():
+    if mission_file(subject) is None and not path.suffix and not path.is_file():
         known = [*missions(), *worlds()]
         allowed = f"{', '.join(known)}, or the path of a mission, a world or a site"
         raise FileError(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
 from pathlib import Path
 from typing import Any, TextIO
@@ -13,8 +13,10 @@ from typing import Any, TextIO
 import numpy as np
 
 from grape.clock import Clock
+from grape.config import Document, validate
 from grape.errors import FileError, InvalidInput, Problem
 from grape.messages import Array
+from grape.mission.record_lines import EVENTS, Line
 
 DECIMALS = 6
 
@@ -103,16 +105,23 @@ def plain(value: Any) -> Any:
     return str(value)
 
 
-def read_events(path: Path) -> Iterator[dict[str, Any]]:
+def read_events(path: Path, kinds: Mapping[str, type[Line]] = EVENTS) -> Iterator[dict[str, Any]]:
     """The events of a run, oldest first; a last line cut off by a kill is left out.
 
+    Args:
+        kinds: what lines of some kinds must have.
+
     Raises:
-        FileError: a line is damaged.
+        FileError: a line is damaged, or lacks something that lines of its kind have.
     """
     with path.open("rb") as file:
         for number, line in enumerate(file, 1):
             if line.endswith(b"\n"):
-                yield _object(line, path, ("t", "kind"), number)
+                found = _object(line, path, (), number)
+                kind = found.get("kind")
+                model = kinds.get(kind, Line) if isinstance(kind, str) else Line
+                validate(model, Document(file=str(path), data=found, places={(): (number, 0)}))
+                yield found
 
 
 def read_json(path: Path, keys: Iterable[str] = ()) -> dict[str, Any]:

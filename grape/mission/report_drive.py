@@ -61,7 +61,7 @@ def load_drive(folder: Path) -> Drive:
     for line in lines:
         if line["kind"] == "estimate":
             estimates.setdefault(line["source"], []).append([line["t"], *line["pose"]])
-    robot = {key: lines[0][key] for key in ("footprint", "cell_m")} if lines else {}
+    robot = next(({key: line[key] for key in ("footprint", "cell_m")} for line in lines if line["kind"] == "robot"), {})
     return Drive(
         **robot,
         estimates={source: np.array(rows) for source, rows in estimates.items()},

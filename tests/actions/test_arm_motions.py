@@ -273,6 +273,44 @@ def test_fingers_move_along_with_the_hand(bench: Bench) -> None:
     assert bench.ctx.gripper.owner is None and bench.fingers.stops == 1
 
 
+@pytest.mark.parametrize(
+    ("beyond", "turn", "reason"),
+    [(-0.2, 0.8, Reason.CABLE_BUDGET), (-0.2, -0.8, None), (0.4, 0.8, Reason.CABLE_BUDGET), (0.4, -0.8, None)],
+)
+def test_a_hand_path_that_winds_a_cable_beyond_its_budget_is_ended(
+    bench: Bench, beyond: float, turn: float, reason: Reason | None
+) -> None:
+    arm = DESCRIPTION.arm
+    budget = arm.unwound[5] + arm.cable_turns
+    bench.put_hand(AHEAD)
+    bench.arm.q[5] = budget + beyond
+    bench.advance(20)
+    begin, side = bench.hand, float(np.sign(arm_turn(bench)))
+    most = [float(bench.arm.q[5])]
+
+    def go():
+        with bench.ctx.arm.lease("test") as leased:
+            path = lambda t: begin @ pose(rotation_z(side * turn * t / 2.0))  # noqa: E731
+            for feedback in follow_hand_path(bench.ctx, leased, path, 2.0, status="turning"):
+                most.append(float(bench.arm.q[5]))
+                yield feedback
+
+    if reason is None:
+        bench.run(go())
+        assert most[-1] == pytest.approx(budget + beyond + turn, abs=0.02)
+    else:
+        assert bench.failure(go()).reason is reason
+        assert max(most) < budget + max(beyond, 0.0) + 0.15
+        held(bench)
+
+
+def arm_turn(bench: Bench) -> float:
+    """rad about the hand's z by which a little more of the last joint turns it."""
+    q = bench.arm.q.copy()
+    turned = bench.robot.hand_pose(q + np.array([0, 0, 0, 0, 0, 0.01]))
+    return float((bench.robot.hand_pose(q)[:3, :3].T @ turned[:3, :3])[1, 0])
+
+
 def test_hand_path_with_a_stuck_arm_is_given_up(bench: Bench) -> None:
     bench.put_hand(AHEAD)
     bench.arm.stuck = True

@@ -8,13 +8,15 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Annotated
 
 import pytest
+from pydantic import AfterValidator, Field
 
 from grape.actions.core import Context, Feedback, NoGoal, NoResult, action, condition
 from grape.bt import check_tree, load_tree, node_library
-from grape.bt.document import MAX_BYTES
 from grape.errors import FileError, InvalidInput
+from grape.xml_document import MAX_BYTES
 
 
 class Colour(StrEnum):
@@ -65,6 +67,24 @@ def look(goal: NoGoal, ctx: Context) -> Generator[Feedback, None, CloudResult]:
     return CloudResult(cloud=Cloud())
 
 
+def known_brush(brush: str) -> str:
+    if brush not in ("flat", "round"):
+        raise InvalidInput(f"no brush {brush!r}")
+    return brush
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrushGoal:
+    brush: Annotated[str, AfterValidator(known_brush)] = "flat"
+    width: Annotated[float, Field(gt=0)] = 1.0
+
+
+@condition("HasBrush")
+def has_brush(goal: BrushGoal, ctx: Context) -> bool:
+    """Whether it has a brush."""
+    return True
+
+
 @dataclass(frozen=True, kw_only=True)
 class CountGoal:
     number: int
@@ -76,7 +96,7 @@ def is_many(goal: CountGoal, ctx: Context) -> bool:
     return goal.number > 2
 
 
-NODES = node_library([paint, look, is_many])
+NODES = node_library([paint, look, is_many, has_brush])
 
 
 def problems(bench: SimpleNamespace, xml: str) -> list[str]:
@@ -159,6 +179,13 @@ MISTAKES = {
     "text of the wrong type": (
         '<Sequence><SetBlackboard value="many" output_key="x"/><IsMany number="{x}"/></Sequence>',
         "sets to text that does not fit: 'many' is no whole number",
+        "",
+    ),
+    "refused by a field's check": ('<HasBrush brush="flut"/>', "3:11: HasBrush: brush: no brush 'flut'", ""),
+    "outside a field's bounds": ('<HasBrush width="-1"/>', "width: -1.0: Input should be greater than 0", ""),
+    "text for a field that checks": (
+        '<Sequence><SetBlackboard value="flut" output_key="b"/><HasBrush brush="{b}"/></Sequence>',
+        "sets to text that does not fit: no brush 'flut'",
         "",
     ),
 }

@@ -233,7 +233,7 @@ def test_a_failure_shows_the_picture_that_its_own_action_took(folder: Path) -> N
     more = (
         {"t": 70.0, "kind": "picture", "name": "ServoToSpur_feature_lost", "file": "pictures/002.png"},
         {"t": 72.0, "kind": "action", "name": "ServoToSpur", "status": "aborted", "reason": "feature_lost",
-         "detail": "", "start": 66.0},
+         "detail": "", "start": 66.0, "end": 72.0},
         {"t": 72.5, "kind": "picture", "name": "grasp", "file": "pictures/003.png"},
     )  # fmt: skip
     path.write_text("\n".join([*kept, *map(json.dumps, more), *finished]) + "\n")

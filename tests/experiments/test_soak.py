@@ -103,7 +103,15 @@ def test_a_drive_that_was_stopped_goes_on_and_is_reported(tmp_path: Path, monkey
         driven = path((60.0 * minutes, 0.8))
         rows = np.hstack([driven, driven[:, 1:] + [0.03, 0.04, 0.0]])
         np.savetxt(folder / "path.csv", rows, delimiter=",", header="t_s", comments="")
-        event = {"t": 1.0, "kind": "action", "name": "DriveToPose"}
+        event = {
+            "t": 1.0,
+            "kind": "action",
+            "name": "DriveToPose",
+            "reason": "",
+            "detail": "",
+            "start": 0.0,
+            "end": 1.0,
+        }
         statuses = ("active", "aborted", "active", "succeeded", "active", "preempted")
         (folder / "events.jsonl").write_text("".join(json.dumps({**event, "status": s}) + "\n" for s in statuses))
 

@@ -50,7 +50,8 @@ def write_run(
         events.append({"t": t, "kind": "plant_started", "plant": plant, "mode": mode})
         events.append({"t": t + 5, "kind": "picture", "name": "grasp", "file": "pictures/001_grasp.png"})
         events += [
-            {"t": at, "kind": "action", "name": name, "status": "aborted", "reason": reason, "detail": f"{name} < 3"}
+            {"t": at, "kind": "action", "name": name, "status": "aborted", "reason": reason}
+            | {"detail": f"{name} < 3", "start": at - 2.0, "end": at}
             for of, name, reason, at in failures
             if of == plant
         ]

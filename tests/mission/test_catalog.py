@@ -108,14 +108,43 @@ def test_a_broken_package_leaves_ours_alone_and_is_listed(package) -> None:
         nodes("pruning")
 
 
-def test_two_tasks_may_not_bring_one_mission(package, tmp_path: Path) -> None:
+@pytest.fixture
+def trimming(package, tmp_path: Path) -> Path:
+    """Installs two tasks that bring a mission and a tree of the same names; the folder of the second's."""
     package("pruning = cane_pruning:TASK\ntrimming = cane_trimming:TASK")
-    (tmp_path / "more").mkdir()
-    (tmp_path / "cane_trimming.py").write_text(
-        MODULE.replace("Path(__file__).parent", "Path(__file__).parent / 'more'")
+    more = tmp_path / "more"
+    more.mkdir()
+    (more / "prune_row.xml").write_text(TREE)
+    (more / "winter_pruning.yaml").write_text(MISSION.replace("task: pruning", "task: trimming"))
+    module = MODULE.replace("Path(__file__).parent", "Path(__file__).parent / 'more'")
+    (tmp_path / "cane_trimming.py").write_text(module.replace('name="pruning"', 'name="trimming"'))
+    return more
+
+
+def test_of_two_missions_of_one_name_each_has_its_task_before_it(trimming: Path, tmp_path: Path) -> None:
+    text = listing()
+    for name in ("pruning/winter_pruning", "trimming/winter_pruning", "pruning/prune_row", "trimming/prune_row"):
+        assert name in text
+    assert load_mission("dispenser_deployment").file.task == "dispenser"
+    for task, folder in (("pruning", tmp_path), ("trimming", trimming)):
+        mission = load_mission(f"{task}/winter_pruning")
+        assert (mission.file.task, mission.tree) == (task, folder / "prune_row.xml")
+    assert load_mission("dispenser/dispenser_deployment").name == "dispenser_deployment"
+
+
+def test_a_name_that_two_tasks_bring_is_refused_when_it_is_asked_for(trimming: Path, tmp_path: Path) -> None:
+    with pytest.raises(PluginError) as caught:
+        load_mission("winter_pruning")
+    assert str(caught.value) == (
+        "mission 'winter_pruning' is brought by the tasks 'pruning' of vine-tools and 'trimming' of vine-tools;"
+        " name pruning/winter_pruning or trimming/winter_pruning"
     )
-    with pytest.raises(PluginError, match="mission 'winter_pruning' is brought by the tasks 'pruning' and 'trimming'"):
-        missions()
+    (tmp_path / "mine.yaml").write_text("name: mine\ntree: prune_row\n")
+    with pytest.raises(FileError, match=r"mine.yaml:2:1: tree: tree 'prune_row' is brought by the tasks 'pruning' of"):
+        load_mission(str(tmp_path / "mine.yaml"))
+    assert load_mission(str(tmp_path / "mine.yaml"), ["task=pruning", "tree=trimming/prune_row"]).tree == (
+        trimming / "prune_row.xml"
+    )
 
 
 def test_an_unknown_task_or_world_in_a_mission_lists_what_there_is(package) -> None:

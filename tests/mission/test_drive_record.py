@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 
 from grape.actions.core import Status
+from grape.errors import FileError
 from grape.geodesy import geodetic_from_enu
 from grape.geometry import pose, rotation_z
 from grape.messages import JointState, NavSatFix
 from grape.mission.drive_record import DriveRecord, changed, packed, read_drive, simplified
+from grape.mission.report_drive import load_drive
 from grape.navigation.path import Path as Way
 from grape.world import Driving
 
@@ -75,6 +77,28 @@ def test_the_wheels_lead_along_an_arc_from_the_first_estimate(tmp_path: Path, dr
     end = start + 2.0 * left - 2.0 * np.array([-np.sin(0.5 + 0.5 * np.pi), np.cos(0.5 + 0.5 * np.pi)])
     np.testing.assert_allclose(last["pose"], [*end, 0.5 + 0.5 * np.pi], atol=0.02)
     assert last["source"] == "wheels"
+
+
+@pytest.mark.parametrize(
+    ("line", "wrong"),
+    [
+        ('{"t": 1, "kind": "estimate", "source": "ekf"}', "pose: is missing"),
+        ('{"t": 1, "kind": "gnss", "status": "fix", "place": [0, null]}', "place.1: got None"),
+        ('{"t": 1, "kind": "plan"}', "points: is missing"),
+        ('{"t": 1, "kind": "obstacles", "added": [[1]], "gone": []}', "added.0.1: is missing"),
+    ],
+)
+def test_a_line_that_lacks_something_is_named(tmp_path: Path, line: str, wrong: str) -> None:
+    path = tmp_path / "drive.jsonl"
+    path.write_text(f'{{"t": 0, "kind": "plan", "points": []}}\n{line}\n')
+    with pytest.raises(FileError) as caught:
+        load_drive(tmp_path)
+    assert str(caught.value).startswith(f"{path}:2: {wrong}")
+
+
+def test_a_record_whose_first_line_is_gone_is_read(tmp_path: Path) -> None:
+    (tmp_path / "drive.jsonl").write_text('{"t": 1, "kind": "plan", "points": [[0, 1]]}\n')
+    assert load_drive(tmp_path).plans == [(1, [[0, 1]])]
 
 
 def test_a_robot_that_stands_adds_nothing(tmp_path: Path, drivers: Any, world: Any) -> None:

@@ -175,6 +175,9 @@ def test_defaults_of_goals_get_the_types_of_their_fields(tmp_path: Path) -> None
             "dispenser_deployment.xml sets this port at every WaitForLocalization, and the tree wins",
         ),
         ("actions.ScanVine=fast", "actions.ScanVine: got 'fast'"),
+        ("actions.DriveToPlant.planner=ted", "--set: actions.DriveToPlant.planner: grape.local_planners: 'ted' is not"),
+        ("actions.DriveToPlant.planner=ted", "did you mean 'teb'?"),
+        ("actions.DriveToRefill.global_planner=leg", "did you mean 'legs'?"),
         ("site=nowhere.geojson", "site: got 'nowhere.geojson'"),
     ],
 )

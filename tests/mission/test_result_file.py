@@ -1,4 +1,4 @@
-"""A damaged result is refused by name, whatever is wrong in it; one that is read leads to figures and a summary."""
+"""Damaged results and events are refused by name, whatever is wrong; those that are read lead to figures and a page."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from paper_campaign import write_run
 
 from grape.campaign.command import read_campaign
 from grape.campaign.plan import Job, make_jobs, make_plan
+from grape.campaign.report import campaign_page
 from grape.errors import FileError
 from grape.mission.display import summary
 from grape.mission.result_file import read_result
@@ -24,7 +25,8 @@ PLAN = make_plan("dispenser_deployment", [], [])
 def job(tmp_path: Path) -> Job:
     """A mission that has run, with a plant that failed and a dispenser on the ground."""
     (job,) = make_jobs(PLAN, [3], tmp_path)
-    write_run(job, outcomes={"r0v1": "blocked"}, hanging=("r0n0",), levels=((1, 1),), dropped=1)
+    failures = (("r0v1", "DriveToPlant", "blocked", 12.0),)
+    write_run(job, outcomes={"r0v1": "blocked"}, hanging=("r0n0",), failures=failures, levels=((1, 1),), dropped=1)
     return job
 
 
@@ -63,6 +65,36 @@ def test_a_result_is_read_to_the_end_or_refused_by_name(job: Job, tmp_path: Path
             assert str(error).startswith(f"{path}: "), what
             refused += 1
     assert read > 20 and refused > 100
+
+
+def test_a_result_without_plants_is_read_to_the_end(job: Job, tmp_path: Path) -> None:
+    path = job.folder / "result.json"
+    content = json.loads(path.read_text())
+    content["plants"], content["places"] = [], {"feeder": 7}
+    path.write_text(json.dumps(content))
+    (failure,) = read_campaign(PLAN, range(3, 4), tmp_path).summary["failures"]
+    assert (failure["reason"], failure["picture"]) == ("lost unnoticed", "")
+
+
+def test_events_are_read_to_the_end_or_refused_by_line(job: Job, tmp_path: Path) -> None:
+    path = job.folder / "events.jsonl"
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    lines += [
+        {"t": 99.0, "kind": "crash", "name": "Retract", "error": "KeyError: 'x'"},
+        {"t": 99.5, "kind": "a task's own"},
+    ]
+    read = refused = 0
+    for number in range(len(lines)):
+        for what, line in damaged(lines[number]):
+            told = [*lines[:number], line, *lines[number + 1 :]]
+            path.write_text("".join(json.dumps(event) + "\n" for event in told))
+            try:
+                campaign_page(read_campaign(PLAN, range(3, 4), tmp_path).summary, [], tmp_path)
+                read += 1
+            except FileError as error:
+                assert str(error).startswith(f"{path}:{number + 1}: "), what
+                refused += 1
+    assert read > 5 and refused > 50
 
 
 def test_what_is_wrong_deep_inside_is_named_with_its_place(job: Job) -> None:

@@ -8,7 +8,14 @@ from typing import Any
 
 from grape.actions.calibration import adopt_offsets, remember_offsets
 from grape.actions.core import Context, Feedback, NoResult, action
-from grape.actions.drive_to_pose import LEGS, PURE_PURSUIT, DriveGoal, drive_to_pose
+from grape.actions.drive_to_pose import (
+    LEGS,
+    PURE_PURSUIT,
+    DriveGoal,
+    GlobalPlannerName,
+    LocalPlannerName,
+    drive_to_pose,
+)
 from grape.actions.obstacles import OBSTACLES, UNSEEN
 from grape.actions.shortest_way import route_options
 from grape.messages import Array
@@ -34,8 +41,8 @@ class DriveToPlantGoal:
 
     plant: str
     speed: float = 0.8
-    planner: str = PURE_PURSUIT
-    global_planner: str = LEGS
+    planner: LocalPlannerName = PURE_PURSUIT
+    global_planner: GlobalPlannerName = LEGS
 
 
 @action("DriveToPlant")

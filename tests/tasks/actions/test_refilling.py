@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from paper_package import brought
 from paper_robot import PLANTS, Bench
 
 from grape.actions.core import Outcome
@@ -17,6 +18,7 @@ from grape.actions.shortest_way import shortest_way
 from grape.drivers import NoOperator
 from grape.errors import ActionFailed, Reason
 from grape.mission.ledger import SqliteLedger
+from grape.plugins import GLOBAL_PLANNERS
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.site import RefillPoint
 from grape.tasks.dispenser.actions.check_feeder import FEEDER_EMPTY, CheckFeederGoal, check_feeder
@@ -62,6 +64,21 @@ def test_the_point_that_is_nearest_by_driving_is_taken(empty: Bench) -> None:
     with pytest.raises(ActionFailed) as failed:
         nearest(in_fence)
     assert failed.value.reason is Reason.NO_PATH
+
+
+def test_the_nearest_point_is_that_of_the_global_planner_that_drives_there(
+    empty: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "hovering.py").write_text(
+        "from grape.errors import ActionFailed, Reason\n"
+        "def over_rows(costmap, start, waypoints, options=None):\n"
+        "    raise ActionFailed(Reason.NO_PATH, f'not to x = {waypoints[-1][0]:.0f}')\n"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    brought(monkeypatch, GLOBAL_PLANNERS, "over_rows", "hovering:over_rows")
+    failure = empty.failure(drive_to_refill(DriveToRefillGoal(global_planner="over_rows"), empty.ctx))
+    assert (failure.reason, failure.detail) == (Reason.NO_PATH, "not to x = 2")
+    assert empty.ledger.last_step() is None and not empty.base.sent
 
 
 def test_the_robot_stops_at_the_refill_point_and_forgets_the_stop_before(empty: Bench) -> None:

@@ -95,7 +95,7 @@ def attribute_places(source: bytes, start: int, line: int, column: int) -> dict[
     return places
 
 
-def read_document(path: Path) -> Element:
+def read_document(path: Path, max_bytes: int = MAX_BYTES) -> Element:
     """The root element of an XML file.
 
     Raises:
@@ -107,11 +107,11 @@ def read_document(path: Path) -> Element:
 
     try:
         with path.open("rb") as stream:
-            source = stream.read(MAX_BYTES + 1)
+            source = stream.read(max_bytes + 1)
     except OSError as error:
-        raise refuse(f"cannot be read: {error.strerror or error}", "a readable behaviour tree file") from error
-    if len(source) > MAX_BYTES:
-        raise refuse("the file is too large", f"at most {MAX_BYTES} bytes")
+        raise refuse(f"cannot be read: {error.strerror or error}", "a readable XML file") from error
+    if len(source) > max_bytes:
+        raise refuse("the file is too large", f"at most {max_bytes} bytes")
     return parse_document(source, str(path))
 
 
