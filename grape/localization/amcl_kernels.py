@@ -57,8 +57,8 @@ def cos_sin(angles: Array) -> tuple[Array, Array]:
 
 
 @njit(cache=True)
-def normals(seed: int, n: int) -> Array:
-    """Numbers (3, n) float32 of the normal distribution, the same for the same seed (uint64).
+def normals(seed: np.uint64, n: int) -> Array:
+    """Numbers (3, n) float32 of the normal distribution, the same for the same seed.
 
     Each is the sum of two quantiles, which 20 bits of SplitMix64 choose: never beyond 4.7, else within 0.0005 of the
     normal distribution.
@@ -76,11 +76,11 @@ def normals(seed: int, n: int) -> Array:
 
 
 @njit(cache=True)
-def move(poses: Array, motion: Array, std: Array, seed: int) -> Array:
+def move(poses: Array, motion: Array, std: Array, seed: np.uint64) -> Array:
     """Poses (n, 3) after a turn, a way and a turn, each particle with its own errors.
 
     Args:
-        motion: (3,) rad, m, rad. std: (3,) of its errors. seed: uint64, what the errors are drawn by.
+        motion: (3,) rad, m, rad. std: (3,) of its errors. seed: what the errors are drawn by.
     """
     random, result = normals(seed, poses.shape[0]), np.empty_like(poses)
     courses = poses[:, 2] + motion[0] + std[0] * random[0]
