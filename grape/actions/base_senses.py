@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from grape.actions.core import Context, Feedback
+from grape.actions.held_places import held_areas
 from grape.actions.shortest_way import footprint_of, site_surroundings
 from grape.drivers import BaseDriver
 from grape.errors import ActionFailed, Reason, StaleData
@@ -71,7 +72,9 @@ class BaseSenses:
     def __init__(self, ctx: Context, targets: Array) -> None:
         self._ctx = ctx
         self.footprint = footprint_of(ctx.robot.description.base.footprint)
-        self.surroundings: Surroundings = site_surroundings(ctx.world.site, targets, ctx.robot.description.base)
+        self.surroundings: Surroundings = site_surroundings(
+            ctx.world.site, targets, ctx.robot.description.base, held_areas(ctx, self.footprint)
+        )
         self.points, self.scan_pose = np.empty((0, 2)), np.zeros(3)
         self.arrived = np.empty((0, 2))
         self.local: Costmap | None = None

@@ -10,6 +10,7 @@ import numpy as np
 
 from grape.actions.base_senses import LOST_S, BaseSenses, Due
 from grape.actions.core import Context, Feedback, action
+from grape.actions.held_places import note_held
 from grape.actions.shortest_way import route_options
 from grape.drivers import BaseDriver
 from grape.errors import ActionFailed, GoalRejected, Reason
@@ -278,6 +279,7 @@ class _Drive:
         progress.update(now, way, blocked=blocked, excused=phase in STRAYING)
         if phase is Phase.TRACK and progress.stuck(now):
             patience = progress.options.stuck_s
+            note_held(self._ctx, pose, self._senses.footprint, backward=self._command[0] < 0.0)
             raise ActionFailed(Reason.BLOCKED, f"no progress for {patience:.0f} s: wheels slip or something holds")
         if progress.given_up(now):
             raise ActionFailed(Reason.BLOCKED, self._blocked_by or "an obstacle or fence is in the way and stays")

@@ -46,11 +46,12 @@ def shortest_way(ctx: Context, goals: Sequence[tuple[float, float, float]], plan
     return int(np.argmin(lengths))
 
 
-def site_surroundings(site: Site, targets: Array, base: Any) -> Surroundings:
+def site_surroundings(site: Site, targets: Array, base: Any, avoided: Sequence[Array] = ()) -> Surroundings:
     """Prohibited areas of a site, on a grid around everything on it and around the targets (n, 3).
 
     Args:
         base: `grape.robots.BaseDescription` of the robot that looks around.
+        avoided: polygons (n, 2) m in map to go round where there is another way.
     """
     footprint = footprint_of(base.footprint)
     points = [*(row.line for row in site.rows), *(area.polygon for area in site.headlands), site.start, targets[:, :2]]
@@ -63,6 +64,7 @@ def site_surroundings(site: Site, targets: Array, base: Any) -> Surroundings:
             scan=ScanOptions(ground=-base.height),
             slice=SliceOptions(ground=-base.height),
         ),
+        avoided,
     )
 
 

@@ -39,11 +39,18 @@ class Surroundings:
     Args:
         polygons: prohibited areas (n, 2) m in map.
         extent: points (n, 2) m that the global costmap must cover (rows, headlands, start).
+        avoided: areas (n, 2) m in map that plans go round like obstacles, although nothing stands there.
     """
 
-    def __init__(self, polygons: Sequence[Array], extent: Array, options: SurroundingsOptions | None = None) -> None:
+    def __init__(
+        self,
+        polygons: Sequence[Array],
+        extent: Array,
+        options: SurroundingsOptions | None = None,
+        avoided: Sequence[Array] = (),
+    ) -> None:
         self.options = options or SurroundingsOptions()
-        self._prohibited = PolygonLayer(polygons)
+        self._prohibited, self._avoided = PolygonLayer(polygons), PolygonLayer(avoided)
         self._extent = GridSpec.around(np.asarray(extent, dtype=float), self.options.margin, self.options.resolution)
         self._sensors: dict[str, ObstacleLayer] = {}
         self._fences: Costmap | None = None
@@ -89,7 +96,7 @@ class Surroundings:
         return bool(self.fences().blocked(pose, self.options.footprint)[0])
 
     def _layers(self) -> list[Layer]:
-        return [*self._sensors.values(), self._prohibited]
+        return [*self._sensors.values(), self._avoided, self._prohibited]
 
     def _layer(self, name: str, T_map_base: Array) -> ObstacleLayer:
         centre = T_map_base[:2, 3]

@@ -12,17 +12,20 @@ from paper_package import brought
 from grape import plugins
 from grape.actions import core
 from grape.actions.drive_to_pose import DriveGoal, drive_to_pose
+from grape.actions.held_places import held_areas, note_held
 from grape.drivers import Drivers
 from grape.errors import ActionFailed, GoalRejected, Reason, StaleData
 from grape.geodesy import Datum
 from grape.geometry import pose as make_pose
 from grape.geometry import rotation_z
 from grape.messages import JointState, LaserScan, Odometry, Twist
+from grape.navigation.grid import Footprint
 from grape.navigation.path import in_frame_of
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.site import Area, Row, Site
 from grape.world import World
 
+FOOTPRINT = Footprint()
 T_BASE_LASER = make_pose(translation=(0.45, 0.0, 0.20))
 
 
@@ -33,6 +36,7 @@ class Machine:
         self.pose, self.time_s = np.array(pose), 0.0
         self.v = self.w = 0.0
         self.circles = np.array([[90.0, 90.0, 0.1]])
+        self.mud = np.array([90.0, 90.0, 0.1])  # within so far (m) of a place nothing goes ahead
         self.stops = 0
         self.laser_works = self.localized = True
         self._scan, self._rng = scan, np.random.default_rng(1)
@@ -59,6 +63,8 @@ class Machine:
 
     def advance(self, world: World, dt: float = 0.01) -> None:
         x, y, yaw = self.pose
+        if np.hypot(x - self.mud[0], y - self.mud[1]) < self.mud[2]:
+            self.v = min(self.v, 0.0)
         self.pose = np.array([x + self.v * np.cos(yaw) * dt, y + self.v * np.sin(yaw) * dt, yaw + 0.8 * self.w * dt])
         self.time_s += dt
         self.estimate(world)
@@ -362,6 +368,51 @@ def recoveries(ctx: core.Context) -> list[dict[str, Any]]:
     noted: list[dict[str, Any]] = []
     ctx.log = SimpleNamespace(event=lambda kind, **fields: noted.append(fields) if kind == "recovery" else None)  # type: ignore[assignment]
     return noted
+
+
+def test_next_drive_goes_round_a_place_where_wheels_slipped(setting):
+    machine, ctx = setting()
+    machine.mud = np.array([-0.8, -0.8, 0.6])
+    goal = DriveGoal(x=2.0, y=-0.835, yaw=0.0)
+    failed = failure((machine, ctx), goal)
+    assert failed.reason is Reason.BLOCKED and "wheels slip" in failed.detail
+    assert -1.5 < machine.pose[0] < -1.3
+    machine.pose[0] -= 0.6
+    machine.estimate(ctx.world)
+    seen = []
+    drive(machine, ctx, goal, lambda t: seen.append(machine.pose.copy()), limit_s=machine.time_s + 60.0)
+    assert np.hypot(*(np.array(seen)[:, :2] - machine.mud[:2]).T).min() > 0.6
+    assert np.hypot(*in_frame_of(machine.pose, np.array([goal.x, goal.y, goal.yaw]))[:2]) < 0.05
+
+
+def test_where_no_other_way_is_left_the_next_drive_is_blocked_at_once(setting):
+    lane = Area(id="lane", polygon=np.array([[-2.5, -1.6], [9.0, -1.6], [9.0, -1.7], [-2.5, -1.7]]))
+    other = Area(id="other", polygon=np.array([[8.5, -1.6], [8.6, -1.6], [8.6, 9.0], [8.5, 9.0]]))
+    machine, ctx = setting(fences=(lane, other))
+    machine.mud = np.array([2.0, -0.8, 0.5])
+    goal = DriveGoal(x=5.0, y=-0.9, yaw=0.0)
+    failure((machine, ctx), goal)
+    machine.pose[0] -= 0.6
+    machine.estimate(ctx.world)
+    begun, at = machine.time_s, machine.pose.copy()
+    machine.stops = 0
+    failed = failure((machine, ctx), goal)
+    assert failed.reason is Reason.BLOCKED and machine.time_s - begun < 1.0
+    assert np.allclose(machine.pose, at)
+
+
+def test_a_place_where_wheels_slipped_is_tried_again_in_time_and_left_by_who_stands_in_it(setting):
+    machine, ctx = setting()
+    note_held(ctx, np.array([-3.0, -0.8, 0.0]), FOOTPRINT, backward=False)
+    (ahead,) = held_areas(ctx, FOOTPRINT)
+    assert np.allclose(ahead.min(axis=0), [-2.455, -1.235]) and np.allclose(ahead.max(axis=0), [-1.605, -0.365])
+    note_held(ctx, np.array([-3.0, -0.8, 0.0]), FOOTPRINT, backward=True)
+    assert held_areas(ctx, FOOTPRINT)[1][:, 0].max() == pytest.approx(-3.545)
+    machine.pose[0] += 0.2
+    machine.estimate(ctx.world)
+    assert len(held_areas(ctx, FOOTPRINT)) == 1
+    machine.time_s += 700.0
+    assert held_areas(ctx, FOOTPRINT) == []
 
 
 def test_undisturbed_drive_needs_no_recovery(setting):
