@@ -276,11 +276,13 @@ class _Drive:
         progress, phase = self._progress, self._state.phase
         left = float(np.hypot(*(pose[:2] - self._target[:2]))) + abs(in_frame_of(pose, self._target)[2])
         way = self._way_left() + 0.1 * left
-        progress.update(now, way, blocked=blocked, excused=phase in STRAYING)
+        progress.update(now, way, pose, blocked=blocked, excused=phase in STRAYING)
         if phase is Phase.TRACK and progress.stuck(now):
             patience = progress.options.stuck_s
             note_held(self._ctx, pose, self._senses.footprint, backward=self._command[0] < 0.0)
             raise ActionFailed(Reason.BLOCKED, f"no progress for {patience:.0f} s: wheels slip or something holds")
+        if progress.still(now):
+            raise ActionFailed(Reason.BLOCKED, f"the base has stood for {progress.options.still_s:.0f} s: {phase}")
         if progress.given_up(now):
             raise ActionFailed(Reason.BLOCKED, self._blocked_by or "an obstacle or fence is in the way and stays")
 
