@@ -82,7 +82,7 @@ def _planned_quantities(planned: Sequence[Trial]) -> list[Quantity]:
         *found,
         count_of("planned: collisions of the robot", [len(motion["touched"]) for motion in planned]),
         median_of("planned: duration", "s", [m["duration_s"] for m in planned if m["converged"]]),
-        _largest("planned: joint speed, of its limit", [motion["speed_share"] for motion in planned]),
+        _largest("planned: joint speed, of its limit", [motion["speed_share"] for motion in planned], goal="<= 1"),
     ]
 
 
@@ -91,7 +91,7 @@ def _unwinding_quantities(unwound: Sequence[Trial]) -> list[Quantity]:
         rate("unwinding: done", unwound),
         _largest("unwinding: cable at the begin, of its budget", [motion["begin_share"] for motion in unwound]),
         _largest("unwinding: turns left over", [motion["turns_left"] for motion in unwound]),
-        _largest("unwinding: joint speed, of its limit", [motion["speed_share"] for motion in unwound]),
+        _largest("unwinding: joint speed, of its limit", [motion["speed_share"] for motion in unwound], goal="<= 1"),
         count_of("unwinding: collisions of the robot", [len(motion["touched"]) for motion in unwound]),
         median_of("unwinding: duration", "s", [m["duration_s"] for m in unwound if m["converged"]]),
     ]
