@@ -87,7 +87,7 @@ class ProgressChecker:
         return now - self._moved_s > self.options.still_s
 
     def _is_elsewhere(self, pose: Array, rest: Array) -> bool:
-        way, turn = np.hypot(*(pose[:2] - rest[:2])), abs(wrap_angle(float(pose[2] - rest[2])))
+        way, turn = np.hypot(*(pose[:2] - rest[:2])), np.abs(wrap_angle(pose[2] - rest[2]))
         return bool(way > self.options.still_m or turn > self.options.still_rad)
 
     def given_up(self, now: float) -> bool:
