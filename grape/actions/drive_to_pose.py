@@ -162,6 +162,9 @@ class _Drive:
         try:
             self._path = yield from self._ctx.jobs.run(self._plan_route, costs, *way)
         except ActionFailed as closed:
+            if self._senses.surroundings.dare():  # no way round where the base was held before: try again there
+                yield from self.plan(base)
+                return
             yield from self._ctx.jobs.run(self._plan_route, self._senses.surroundings.fences(), *way)
             raise ActionFailed(Reason.BLOCKED, f"with what stands there, {closed.detail}") from closed
         self._start_path()

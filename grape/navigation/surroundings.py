@@ -39,7 +39,7 @@ class Surroundings:
     Args:
         polygons: prohibited areas (n, 2) m in map.
         extent: points (n, 2) m that the global costmap must cover (rows, headlands, start).
-        avoided: areas (n, 2) m in map that plans go round like obstacles, although nothing stands there.
+        avoided: areas (n, 2) m in map to go round like obstacles, although nothing stands there, until `dare`.
     """
 
     def __init__(
@@ -71,6 +71,11 @@ class Surroundings:
         """Drop the obstacles within `radius` m of `centre` (2,)."""
         for layer in self._sensors.values():
             layer.forget(centre, radius)
+
+    def dare(self) -> bool:
+        """Go through avoided areas from now on; whether there were any."""
+        there_were, self._avoided = bool(self._avoided.polygons), PolygonLayer(())
+        return there_were
 
     def local(self, centre: Array) -> Costmap:
         """Costs around `centre` (2,) m: obstacles and prohibited areas, inflated."""

@@ -385,20 +385,18 @@ def test_next_drive_goes_round_a_place_where_wheels_slipped(setting):
     assert np.hypot(*in_frame_of(machine.pose, np.array([goal.x, goal.y, goal.yaw]))[:2]) < 0.05
 
 
-def test_where_no_other_way_is_left_the_next_drive_is_blocked_at_once(setting):
+def test_where_no_other_way_is_left_the_next_drive_tries_again(setting):
     lane = Area(id="lane", polygon=np.array([[-2.5, -1.6], [9.0, -1.6], [9.0, -1.7], [-2.5, -1.7]]))
-    other = Area(id="other", polygon=np.array([[8.5, -1.6], [8.6, -1.6], [8.6, 9.0], [8.5, 9.0]]))
-    machine, ctx = setting(fences=(lane, other))
+    end = Area(id="end", polygon=np.array([[8.5, -1.6], [8.6, -1.6], [8.6, 9.0], [8.5, 9.0]]))
+    machine, ctx = setting(fences=(lane, end))
     machine.mud = np.array([2.0, -0.8, 0.5])
     goal = DriveGoal(x=5.0, y=-0.9, yaw=0.0)
-    failure((machine, ctx), goal)
+    assert "wheels slip" in failure((machine, ctx), goal).detail
     machine.pose[0] -= 0.6
+    machine.mud[2] = 0.0
     machine.estimate(ctx.world)
-    begun, at = machine.time_s, machine.pose.copy()
-    machine.stops = 0
-    failed = failure((machine, ctx), goal)
-    assert failed.reason is Reason.BLOCKED and machine.time_s - begun < 1.0
-    assert np.allclose(machine.pose, at)
+    drive(machine, ctx, goal, limit_s=machine.time_s + 60.0)
+    assert np.hypot(*in_frame_of(machine.pose, np.array([goal.x, goal.y, goal.yaw]))[:2]) < 0.05
 
 
 def test_a_place_where_wheels_slipped_is_tried_again_in_time_and_left_by_who_stands_in_it(setting):
