@@ -150,8 +150,8 @@ class _Legs:
         self._watch: ApproachWatch | None = None
 
     def observe(self, t: float, p: Array) -> None:
-        """Look at a hand that is at `p` (3,) m at the path's time `t`; the last leg lasts until the motion ends."""
-        if len(self._ahead) > 1 and t >= self._ahead[0][0]:
+        """Look at a hand that is at `p` (3,) m at the path's time `t`; past the last end it may come to rest."""
+        while self._ahead and t >= self._ahead[0][0]:
             del self._ahead[0]
             self._watch = None
         if self._ahead:

@@ -19,7 +19,7 @@ from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
 from grape.actions.retract import RetractGoal, retract
 from grape.actions.unwind import UnwindGoal, unwind
 from grape.errors import GoalRejected, Reason, StaleData
-from grape.geometry import pose, pose_error, rotation_x, rotation_z, transform
+from grape.geometry import interpolate, pose, pose_error, rotation_x, rotation_z, transform
 from grape.kinematics import inverse_path
 from grape.planning import StaticBox
 from grape.robots.husky_jaco2 import DESCRIPTION
@@ -352,6 +352,36 @@ def test_on_each_leg_the_hand_must_come_nearer_to_its_end(
         assert bench.failure(go()).reason is reason
         assert max(farthest) < 0.035, "after the first 2.5 cm it is not far"
         held(bench)
+
+
+def test_hand_that_trails_may_overshoot_the_end_of_its_last_leg(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench.put_hand(AHEAD)
+    end, moving, past = AHEAD @ pose(None, (0.0, 0.0, -0.1)), np.zeros(6), [0.0]
+    advance = bench.arm.advance
+
+    def trail(now: float, dt: float) -> None:
+        nonlocal moving
+        wanted = bench.arm.velocity
+        moving = moving + (wanted - moving) * dt / 0.13
+        bench.arm.velocity = moving
+        advance(now, dt)
+        bench.arm.velocity = wanted
+
+    def steady(t: float) -> np.ndarray:
+        return interpolate(AHEAD, end, min(t / 0.8, 1.0))
+
+    def go():
+        with bench.ctx.arm.lease("test") as arm:
+            motion = follow_hand_path(
+                bench.ctx, arm, steady, 0.8, status="fast", options=HandPathOptions(legs=(0.8,), settle_s=1.0)
+            )
+            for feedback in motion:
+                past.append(float((bench.hand[:3, 3] - end[:3, 3]) @ -AHEAD[:3, 2]))
+                yield feedback
+
+    monkeypatch.setattr(bench.arm, "advance", trail)
+    bench.run(go())
+    assert max(past) > 0.009 and abs(past[-1]) < 0.003
 
 
 def test_smooth_step_starts_and_ends_at_rest() -> None:
