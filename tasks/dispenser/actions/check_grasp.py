@@ -32,5 +32,10 @@ def check_grasp(goal: CheckGraspGoal, ctx: Context) -> Generator[Feedback, None,
 
 
 def account_for_taken(ctx: Context) -> None:
-    """The hand holds one that it has not by the account: out of the feeder, or one that was given up for lost there."""
+    """The hand holds one that it has not by the account: out of the feeder, or one that was given up for lost there.
+
+    One that it had by the account, askew on a nail after its release, has fallen when another was taken.
+    """
+    if ctx.ledger.dispensers()["hand"]:
+        ctx.ledger.move_dispenser("hand", "lost")
     ctx.ledger.move_dispenser("feeder" if ctx.ledger.dispensers()["feeder"] else "lost", "hand")

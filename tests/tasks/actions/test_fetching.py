@@ -148,6 +148,14 @@ def test_a_dispenser_on_the_nails_is_on_the_account(bench: Bench) -> None:
     assert bench.log.last("check")["value"] is True and bench.log.pictures == ["grasp"]
 
 
+def test_when_another_is_taken_the_one_that_hung_askew_has_fallen(bench: Bench) -> None:
+    open_fingers(bench)
+    bench.ledger.move_dispenser("feeder", "hand")
+    bench.scene.held = True
+    bench.run(check_grasp(CheckGraspGoal(), bench.ctx))
+    assert bench.ledger.account() == {"loaded": 8, "deployed": 0, "left": 6, "lost": 1, "on_hand": 1}
+
+
 def test_empty_nails_are_a_failed_grasp_and_cost_nothing(bench: Bench) -> None:
     open_fingers(bench)
     failure = bench.failure(check_grasp(CheckGraspGoal(), bench.ctx))
