@@ -41,6 +41,7 @@ MEMORY_PERIOD_S = 20.0  # simulated
 WARM_S = 300.0  # of a session, until everything is loaded and compiled
 STOP_S = 3.0
 STILL_M, STILL_RAD = 0.01, 0.01  # within a second
+SETTLE_S = 10.0  # with an integer fix, until what a float spell did to the estimate is gone
 NOTES = (
     "A mission without dispensers drives along every row and round every headland of 24 rows, again and again, with all"
     " sensors and the physics of the whole base; the arm stays folded. `track.csv`, `events.jsonl` and `drive.jsonl` of"
@@ -49,6 +50,8 @@ NOTES = (
     " of the receiver, a recovery, somebody near the path, the base's guard, or an end of the drive beside it.",
     f"Memory: what the process holds, from {WARM_S:g} s of each session on, by a line through it. What the run"
     " remembers of its own path is in it.",
+    "Drift: whether the error grows where the receiver has its fix. The error of a whole quarter goes with how many"
+    " float spells were drawn in it.",
 )
 
 
@@ -215,13 +218,14 @@ def measured(run: Path) -> list[Quantity]:
     """The figures of one drive, from the files of its folder."""
     result, path = _result(run), _path(run)
     error = np.hypot(path[:, 1] - path[:, 4], path[:, 2] - path[:, 5])
-    quarter, n = max(len(error) // 4, 1), len(error)
+    n = len(error)
     events = list(read_events(run / "events.jsonl"))
     drives = Counter(e["status"] for e in events if e["kind"] == "action" and e["name"] == "DriveToPose")
     arrived, ended = drives["succeeded"], drives["succeeded"] + drives["aborted"] + drives["rejected"]
     lines = list(read_drive(run / "drive.jsonl"))
     plans = [(line["t"], bool(line["points"])) for line in lines if line["kind"] == "plan"]
-    causes = [(line["t"], "no integer fix") for line in lines if line["kind"] == "gnss" and line["status"] != "fix"]
+    unfixed = np.array([line["t"] for line in lines if line["kind"] == "gnss" and line["status"] != "fix"])
+    causes = [(float(t), "no integer fix") for t in unfixed]
     causes += [(e["t"], f"recovery: {e['how']}, {e['why']}") for e in events if e["kind"] == "recovery"]
     causes += [(e["t"], f"waiting: {e['why']}") for e in events if e["kind"] == "waiting"]
     causes += [(e["t"], f"guard: {e['verdict']}") for e in events if e["kind"] == "base_guard"]
@@ -230,7 +234,9 @@ def measured(run: Path) -> list[Quantity]:
     memory = memory_of(run.with_name(f"{run.name}_memory.csv"))
     peak = float(memory[:, 2].max()) if len(memory) else None
     truth, seed = result["truth"], result["seed"]
-    head = float(np.sqrt((error[:quarter] ** 2).mean())), float(np.sqrt((error[-quarter:] ** 2).mean()))
+    trusted = settled(path[:, 0], unfixed)
+    whole, fixed = quarters(error, np.ones(n, bool)), quarters(error, trusted)
+    growth = fixed[1][0] - fixed[0][0] if fixed[0][1] and fixed[1][1] else None
     rows: list[tuple[str, str, float | None, int, str]] = [
         ("driven for", "min", result["sim_time_s"] / 60.0, result["sessions"], f">= {60 * HOURS:g}"),
         ("driven", "m", result["navigation"]["distance_m"], 1, ""),
@@ -240,9 +246,12 @@ def measured(run: Path) -> list[Quantity]:
         ("stops without a reason", "1", float(sum(not stop.reason for stop in stood)), len(stood), "= 0"),
         ("memory, most", "MB", peak, len(memory), ""),
         ("memory, growth a simulated hour", "MB", memory_growth(memory), len(memory), "<= 30"),
-        ("position error, root mean square, first quarter", "m", head[0], quarter, ""),
-        ("position error, root mean square, last quarter", "m", head[1], quarter, ""),
-        ("position error, growth from first to last quarter", "m", head[1] - head[0], n, "<= 0.01"),
+        ("position error, root mean square, first quarter", "m", *whole[0], ""),
+        ("position error, root mean square, last quarter", "m", *whole[1], ""),
+        (f"of the path, an integer fix for {SETTLE_S:g} s and more", "1", float(trusted.mean()), n, ""),
+        ("position error there, root mean square, first quarter", "m", *fixed[0], ""),
+        ("position error there, root mean square, last quarter", "m", *fixed[1], ""),
+        ("position error there, growth from first to last quarter", "m", growth, int(trusted.sum()), "<= 0.01"),
         ("position error, largest", "m", float(error.max()), n, ""),
         ("collisions", "1", float(len(truth["collisions"])), 1, "= 0"),
         ("fences crossed", "1", float(truth["fence_crossings"]), 1, "= 0"),
@@ -251,6 +260,21 @@ def measured(run: Path) -> list[Quantity]:
         Quantity(name=f"seed {seed}: {name}", unit=unit, value=value, n=count, goal=goal)
         for name, unit, value, count, goal in rows
     ]
+
+
+def settled(times: Array, unfixed: Array) -> Array:
+    """(n,) whether the receiver has had its integer fix for `SETTLE_S` at each time; `unfixed` (m,) when it had not."""
+    last = np.concatenate([[-np.inf], unfixed])[np.searchsorted(unfixed, times, side="right")]
+    long: Array = times - last >= SETTLE_S
+    return long
+
+
+def quarters(error: Array, where: Array) -> tuple[tuple[float | None, int], tuple[float | None, int]]:
+    """Root mean square of the errors (n,) and their number, in the first and in the last quarter, where `where` is."""
+    quarter = max(len(error) // 4, 1)
+    ends = error[:quarter][where[:quarter]], error[-quarter:][where[-quarter:]]
+    first, last = ((float(np.sqrt((e**2).mean())) if len(e) else None, len(e)) for e in ends)
+    return first, last
 
 
 def _figures(run: Path) -> tuple[Figure, ...]:

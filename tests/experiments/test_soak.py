@@ -63,6 +63,15 @@ def test_a_stop_counts_within_a_drive_alone_and_wants_a_reason() -> None:
     ]  # fmt: skip
 
 
+def test_an_error_counts_as_drift_only_where_the_fix_has_settled() -> None:
+    times = np.arange(0.0, 40.0, 0.5)
+    settled = soak.settled(times, np.array([12.0, 13.0]))
+    assert (times[~settled] == np.arange(12.0, 23.0, 0.5)).all() and soak.settled(times, np.zeros(0)).all()
+    error = np.where(settled, 0.02, 0.3)
+    assert soak.quarters(error, settled) == ((pytest.approx(0.02), 20), (pytest.approx(0.02), 20))
+    assert soak.quarters(error, times > 10.0)[0] == (None, 0)
+
+
 def test_turning_on_the_spot_is_no_stop() -> None:
     turned = path((10.0, 0.0))
     turned[:, 3] = 0.3 * turned[:, 0]
