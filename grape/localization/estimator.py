@@ -41,8 +41,8 @@ class EstimatorOptions:
             a float solution holds right there would start and stop with each fix.
         doubt_after: after so many refused RTK fixes in a row the estimate is not ready: better stand than drive by it.
         relocate_after: after so many the filter gives up its position.
-        still_way: m of the wheels since a fix was accepted, up to which the base still stands there. A fix that says
-            otherwise is then more likely wrong than the base pushed away.
+        still_way: m of the wheels since an RTK fix was accepted, up to which the base still stands there. A fix that
+            says otherwise is then more likely wrong than the base pushed away.
         still_share: a fix refused there counts for so much of one.
     """
 
@@ -75,7 +75,7 @@ class PoseEstimator:
         self._imu: Imu | None = None
         self._ready = False
         self._refused_fixes = 0.0
-        self._way = 0.0  # m that the wheels have turned since a fix was accepted
+        self._way = 0.0  # m that the wheels have turned since an RTK fix was accepted
 
     @property
     def initialized(self) -> bool:
@@ -191,7 +191,9 @@ class PoseEstimator:
 
     def _watch_fixes(self, fix: NavSatFix, verdict: Verdict) -> None:
         if verdict is Verdict.ACCEPTED:
-            self._refused_fixes, self._way = 0.0, 0.0
+            self._refused_fixes = 0.0
+            if fix.status == "fix":  # a float solution does not show where wheels spun
+                self._way = 0.0
         elif verdict is Verdict.GATED and fix.status == "fix":
             self._refused_fixes += 1.0 if self._way > self.options.still_way else self.options.still_share
         if self._refused_fixes >= self.options.relocate_after and self._ekf is not None:

@@ -166,6 +166,22 @@ def test_robot_stands_while_good_fixes_are_refused(drive, datum, fix, turned, do
     assert ready[-1], "where fixes stay elsewhere, they win"
 
 
+def test_after_wheels_spun_a_float_solution_does_not_make_the_estimate_believed(drive, datum, fix):
+    """They turn for two metres on the spot, float solutions follow, and then each fix has the base where it was."""
+    ride, level = drive(12, 1.0, slope=0.0), rotation_from_rpy(0, 0, 0)
+    estimator, here = PoseEstimator(EstimatorOptions(datum=datum)), []
+    for k in range(1800):
+        stamp = 1.0 + 0.02 * k
+        angle = ride.wheels[0].position + 2.0 * np.clip((k - 710) / 200, 0.0, 1.0) / 0.165
+        imu, wheels = replace(ride.imu[0], stamp=stamp), replace(ride.wheels[0], stamp=stamp, position=angle)
+        status, std = ("float", 0.3) if 800 < k < 1100 else ("fix", 0.015)
+        fixes = (fix(stamp, np.zeros(3), level, np.zeros(3), status, std),) if k % 50 == 0 else ()
+        estimator.advance(stamp, wheels=(wheels,), imu=(imu,), gnss=fixes)
+        here.append(estimator.odometry(stamp).pose[0, 3])
+    assert estimator.verdicts["gnss", "accepted"] > 15 and here[1100] > 0.6
+    assert estimator.ready and abs(here[1550]) < 0.05, "eight fixes are enough, though it has stood since"
+
+
 def test_a_robot_that_a_float_solution_holds_at_the_limit_does_not_start_and_stop(drive, datum, fix):
     """It drives a little whenever it is ready, as a mission does."""
     ride, level = drive(12, 1.0, slope=0.0), rotation_from_rpy(0, 0, 0)
