@@ -71,13 +71,16 @@ def may_turn(costmap: Costmap, pose: Array, angle: float, options: TurnRoomOptio
     return not costmap.blocked(swept, options.footprint.grown(drift)).any()
 
 
-def room_to_turn(costmap: Costmap, pose: Array, angle: float, options: TurnRoomOptions | None = None) -> float | None:
+def room_to_turn(
+    costmap: Costmap, pose: Array, angle: float, options: TurnRoomOptions | None = None, *, way: Costmap | None = None
+) -> float | None:
     """How far (m, backwards negative) to drive straight until there is room for a turn; 0 here, None nowhere.
 
     Args:
         costmap: fences and obstacles that must not be touched.
         pose: (3,) x y yaw of base_link in map.
         angle: rad, the turn that is wanted.
+        way: what must not be touched on the way there; `costmap` alone when None.
 
     Raises:
         InvalidInput: pose or angle is not finite.
@@ -94,6 +97,8 @@ def room_to_turn(costmap: Costmap, pose: Array, angle: float, options: TurnRoomO
     for sign, dearness in ((1.0, 1.0), (-1.0, options.backwards)):
         poses = pose + sign * steps[:, None] * heading
         touched = costmap.blocked(poses, options.footprint)
+        if way is not None:
+            touched |= way.blocked(poses, options.footprint)
         free = steps[: int(np.argmax(touched))] if touched.any() else steps
         for step in free:
             if found and dearness * step >= found[0][0]:
@@ -141,7 +146,7 @@ class RoomToTurn:
         begun, left = _turn_begun(state, step, pose), self._left_without_room(state, step, pose, costmap)
         if begun == left == 0.0:
             return step
-        away = room_to_turn(self.fences or costmap, pose, begun or left, self.options)
+        away = room_to_turn(self.fences or costmap, pose, begun or left, self.options, way=costmap)
         if away == 0.0 or (away is None and left):
             return step
         stopped = replace(step.state, phase=Phase.TRACK, command=(0.0, 0.0), turn_to=None)

@@ -52,6 +52,20 @@ def test_place_behind_a_fence_across_the_way_does_not_count():
     assert away is None or away < 0.0
 
 
+def test_what_stands_on_the_way_to_a_place_sends_the_base_to_another_one():
+    fences, box = costmap_of(fence(-3.0, 1.0)), costmap_of(fence(1.2, 1.4, -1.0, -0.4))
+    assert room_to_turn(fences, BESIDE, 1.5) > 1.0
+    assert room_to_turn(fences, BESIDE, 1.5, way=box) < -2.0, "a box that a turn may be near, but no base may be at"
+
+    class Turner:
+        def step(self, state, path, pose, twist, costmap, dt):
+            return FollowerStep(v=0.0, w=0.5, state=state, remaining=1.0)
+
+    path = Path(poses=np.column_stack([straight(np.zeros(2), np.array([1.0, 0.0]), 0.1), np.zeros(11)]))
+    step = RoomToTurn(Turner(), fences=fences).step(FollowerState(), path, BESIDE, np.zeros(2), box, 0.1)
+    assert step.state.phase is Phase.MAKE_ROOM and step.state.straight_to[0] < -2.0
+
+
 def test_nowhere_within_reach_is_none():
     assert room_to_turn(costmap_of(fence(-4.9, 4.9)), BESIDE, 1.5, TurnRoomOptions(reach=3.0)) is None
 
