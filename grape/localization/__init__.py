@@ -17,6 +17,7 @@ from grape.localization.discord import (
 from grape.localization.ekf import Ekf, EkfOptions
 from grape.localization.estimator import EstimatorOptions, PoseEstimator
 from grape.localization.fusion import Fusion
+from grape.localization.laser_odometry import LaserMotion, LaserOdometry, LaserOdometryOptions
 from grape.localization.likelihood_field import FieldOptions, LikelihoodField
 from grape.localization.measurements import (
     GnssConfig,
@@ -57,6 +58,9 @@ __all__ = [
     "FusionOptions",
     "GnssConfig",
     "ImuConfig",
+    "LaserMotion",
+    "LaserOdometry",
+    "LaserOdometryOptions",
     "LikelihoodField",
     "Measurement",
     "Mount",

@@ -44,6 +44,8 @@ class EstimatorOptions:
         still_way: m of the wheels since an RTK fix was accepted, up to which the base still stands there. A fix that
             says otherwise is then more likely wrong than the base pushed away.
         still_share: a fix refused there counts for so much of one.
+        motion_s: s, for which a motion that was seen speaks against wheels.
+        motion_std: m/s, up to which its standard deviation ahead may be for that.
     """
 
     datum: Datum
@@ -58,6 +60,8 @@ class EstimatorOptions:
     relocate_after: int = 8
     still_way: float = 0.05
     still_share: float = 0.125
+    motion_s: float = 0.5
+    motion_std: float = 0.15
 
 
 class PoseEstimator:
@@ -75,6 +79,7 @@ class PoseEstimator:
         self._imu: Imu | None = None
         self._ready = False
         self._refused_fixes = 0.0
+        self._seen_motion: Measurement | None = None
         self._way = 0.0  # m that the wheels have turned since an RTK fix was accepted
 
     @property
@@ -124,7 +129,8 @@ class PoseEstimator:
         )
 
     def correct(self, measurement: Measurement) -> Correction:
-        """Fuse what is no message of a sensor, such as AMCL's pose; refused fixes are forgotten when it is accepted.
+        """Fuse what is no message of a sensor, such as AMCL's pose; refused fixes are forgotten when a pose
+        is accepted.
 
         Raises:
             InvalidInput: there is no pose yet.
@@ -133,10 +139,19 @@ class PoseEstimator:
             raise InvalidInput("there is no pose yet: the filter waits for IMU and GNSS")
         correction = self._ekf.correct(measurement)
         self.verdicts[measurement.source, correction.verdict] += 1
-        if correction.accepted:
+        if correction.accepted and measurement.index[0] < 6:
             self._refused_fixes = 0.0
         self._judge()
         return correction
+
+    def take_motion(self, motion: Measurement) -> Correction:
+        """Fuse velocities in base_link, vx first, of what sees the world pass; wheels that say otherwise count less.
+
+        Raises:
+            InvalidInput: there is no pose yet.
+        """
+        self._seen_motion = motion
+        return self.correct(motion)
 
     def _take(self, message: JointState | Imu | NavSatFix) -> None:
         source = _SOURCES[type(message)]
@@ -162,7 +177,7 @@ class PoseEstimator:
             way = 0.5 * (abs(left) + abs(right)) * (message.stamp - previous.stamp)
             self._way += way if isfinite(way) else 0.0
             yaw_rate = None if self._ekf is None else float(self._ekf.belief.mean[11])
-            return from_wheels(previous, message, options.wheels, yaw_rate)
+            return from_wheels(previous, message, options.wheels, yaw_rate, self._speed_at(message.stamp))
         if isinstance(message, Imu):
             previous_imu = self._imu
             if options.imu.differential and previous_imu is None:
@@ -176,6 +191,14 @@ class PoseEstimator:
             self._initialize(message, measurement, self._imu)
             return None
         return measurement
+
+    def _speed_at(self, stamp: float) -> tuple[float, float] | None:
+        """The speed ahead that was seen not long ago, and its standard deviation, m/s."""
+        motion = self._seen_motion
+        if motion is None or not motion.usable or stamp - motion.stamp > self.options.motion_s:
+            return None
+        std = float(np.sqrt(motion.covariance[0, 0]))
+        return (float(motion.value[0]), std) if std <= self.options.motion_std else None
 
     def _initialize(self, fix: NavSatFix, measurement: Measurement, imu: Imu) -> None:
         attitude = from_imu(imu, ImuConfig(R_base_imu=self.options.imu.R_base_imu))

@@ -24,9 +24,9 @@ class WheelConfig:
     Wheels whose name contains "left" or "right" count for that side. `effective_track` (m) is what turns a speed
     difference into a yaw rate; for skid steering it is 1.5 to 1.9 times the geometric one and only roughly known,
     hence `turn_slip`. Standard deviations: vx = speed_std + slip |vx| + skid |wz|, vy = side_std + skid |wz|,
-    wz = rate_std + turn_slip |wz|. Where the base turns less or more than even `turn_slip` allows, a side spins or is
-    dragged: vx, vy and wz get `spin` times the speed at which it must slip. It is large because the error is the same
-    in every message for as long as that lasts.
+    wz = rate_std + turn_slip |wz|. Where the base turns less or more than even `turn_slip` allows, or does not move as
+    they say, wheels spin or are dragged: vx, vy and wz get `spin` times the speed at which they must slip. It is large
+    because the error is the same in every message for as long as that lasts.
     """
 
     components: tuple[bool, ...] = components("vx", "vy", "vz", "wz")
@@ -39,6 +39,7 @@ class WheelConfig:
     rate_std: float = 0.05
     turn_slip: float = 0.4
     spin: float = 10.0
+    beside: float = 10.0
     still_speed: float = 0.003  # m/s, below it on both sides the base stands
     still_std: float = 0.002  # m/s and rad/s while it stands
     gate: float = inf
@@ -97,12 +98,17 @@ def wheel_speeds(previous: JointState, now: JointState, wheel_radius: float) -> 
 
 
 def from_wheels(
-    previous: JointState, now: JointState, config: WheelConfig, yaw_rate: float | None = None
+    previous: JointState,
+    now: JointState,
+    config: WheelConfig,
+    yaw_rate: float | None = None,
+    speed: tuple[float, float] | None = None,
 ) -> Measurement:
     """Body velocity (vx, vy = vz = 0) and yaw rate from the wheels; all rates are zero while they stand.
 
     Args:
         yaw_rate: rad/s of base_link by other sensors, which shows wheels that spin.
+        speed: m/s ahead by other sensors, and its standard deviation; it shows wheels that spin straight on.
     """
     left, right = wheel_speeds(previous, now, config.wheel_radius)
     if max(abs(left), abs(right)) < config.still_speed:
@@ -120,8 +126,12 @@ def from_wheels(
     if yaw_rate is not None:
         unexplained = max(0.0, abs(wz - yaw_rate) - config.turn_slip * abs(wz) - 2.0 * config.rate_std)
         spin = config.spin * 0.5 * config.effective_track * unexplained
+    own = config.speed_std + config.slip * abs(vx) + skid
+    if speed is not None:
+        allowed, own = own + config.speed_std + 2.0 * speed[1], config.beside * own
+        spin += config.spin * max(0.0, abs(vx - speed[0]) - allowed)
     std = np.ones(15)
-    std[6] = config.speed_std + config.slip * abs(vx) + skid + spin
+    std[6] = own + spin
     std[7] = std[8] = config.side_std + skid + spin
     std[11] = config.rate_std + config.turn_slip * abs(wz) + spin
     value = np.zeros(15)

@@ -26,7 +26,8 @@ class MatchOptions:
     """How a scan is matched; lengths in m, angles in rad.
 
     `noise` is the standard deviation of a point. `correlated` says how many points err together, so that the
-    information is not overrated.
+    information is not overrated. Points farther than `wall` from each other give no direction of a wall: a row of
+    trunks is none.
     """
 
     resolution: float = 0.1
@@ -37,6 +38,7 @@ class MatchOptions:
     last_reach: float = 0.15
     noise: float = 0.03
     correlated: float = 10.0
+    wall: float = np.inf
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,11 +94,14 @@ class Reference:
     def shape(self) -> tuple[Array, Array]:
         """Normals (n, 2) of the walls that points lie on, and weights (n,) 0..1 along the wall: 0 on straight ones."""
         count = min(NEIGHBOURS, len(self.points))
-        near = self.points[self.tree.query(self.points, k=count)[1].reshape(len(self.points), count)]
+        distance, index = self.tree.query(self.points, k=count)
+        distance, near = distance.reshape(-1, count), self.points[index.reshape(-1, count)]
+        if np.isfinite(self.options.wall):  # a neighbour that is too far says as little as the point itself
+            near = np.where(distance[..., None] <= self.options.wall, near, self.points[:, None])
         near = near - near.mean(axis=1, keepdims=True)
         values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", near, near) / count)
         along = np.clip(values[:, 0] / np.maximum(values[:, 1], 1e-12), 0.0, 1.0)
-        return vectors[:, :, 0], along
+        return vectors[:, :, 0], np.where(values[:, 1] < 1e-12, 1.0, along)
 
     def search(self, points: Array, guess: Array, reach: float, turn: float, pull: Array) -> tuple[Array, float]:
         """Best pose (3,) within `reach` m and `turn` rad of a guess, and its response; `pull` as in the kernel."""

@@ -71,6 +71,7 @@ class MissionFile(Model):
     arm_errors: Annotated[float, Field(ge=0, le=2)] = 0.0
     faults: tuple[MissionFault, ...] = ()
     map: str | None = None
+    laser_odometry: bool = False
     time_limit_s: Annotated[float, Field(gt=0, le=86400)] = 1500.0
     actions: dict[str, dict[str, Any]] = Field(default_factory=dict)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from grape.actions.core import Recorder
-from grape.drivers import Drivers
+from grape.drivers import Drivers, SensorDriver
 from grape.errors import InvalidInput, StaleData
 from grape.geometry import planar_of
 from grape.localization import (
@@ -39,6 +39,19 @@ OPTIONS = AmclInputOptions(
 )
 
 
+def base_scanner(drivers: Drivers, description: Any) -> tuple[SensorDriver[LaserScan], Array]:
+    """The first scanner that is mounted on the base, and T_base_link_scanner (4, 4).
+
+    Raises:
+        InvalidInput: the base has none.
+    """
+    for name, scanner in drivers.scans.items():
+        mount = description.mounts.get(name)
+        if mount is not None and mount.parent == "base_link":
+            return scanner, mount.T_parent_sensor
+    raise InvalidInput(f"{description.name}: a map or laser odometry needs a laser scanner on the base")
+
+
 class LaserPlace:
     """Runs AMCL on the scans of the first scanner that is mounted on the base.
 
@@ -62,12 +75,8 @@ class LaserPlace:
         *,
         seen: Callable[[LaserScan], LaserScan] = lambda scan: scan,
     ) -> None:
-        mounts = {name: description.mounts[name] for name in drivers.scans if name in description.mounts}
-        name = next((name for name, mount in mounts.items() if mount.parent == "base_link"), None)
-        if name is None:
-            raise InvalidInput(f"{description.name}: a map needs a laser scanner on the base to localise by")
-        self._scanner = drivers.scans[name]
-        self._input = AmclInput(LikelihoodField(grid), rng, OPTIONS, planar_of(mounts[name].T_parent_sensor))
+        self._scanner, T_base_scan = base_scanner(drivers, description)
+        self._input = AmclInput(LikelihoodField(grid), rng, OPTIONS, planar_of(T_base_scan))
         self._seen = seen
         self._log = log
         self._told: Discord | None = None

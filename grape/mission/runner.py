@@ -19,6 +19,7 @@ from grape.messages import Array, Odometry
 from grape.mission.drive_record import DriveRecord
 from grape.mission.file import OF_SITE, Mission
 from grape.mission.guard import guarded
+from grape.mission.laser_motion import LaserMotion
 from grape.mission.laser_place import LaserPlace
 from grape.mission.ledger import SqliteLedger
 from grape.mission.progress import Progress, ProgressTracker
@@ -151,7 +152,8 @@ class Runner:
             rng=np.random.default_rng([mission.seed, 7, *([self._session] if self._session > 1 else [])]),
             config=mission.actions,
         )
-        self._sensing = Sensing(backend.drivers, self.context.world, robot, self._place(robot.description))
+        motion = LaserMotion(backend.drivers, robot.description) if mission.file.laser_odometry else None
+        self._sensing = Sensing(backend.drivers, self.context.world, robot, self._place(robot.description), motion)
         self._make_tree = make_tree
 
     def run(self) -> Finding:

@@ -10,6 +10,7 @@ import numpy as np
 from grape.drivers import Drivers
 from grape.errors import StaleData
 from grape.localization import EstimatorOptions, GnssConfig, ImuConfig, PoseEstimator, WheelConfig
+from grape.mission.laser_motion import LaserMotion
 from grape.mission.laser_place import LaserPlace
 from grape.world import World
 
@@ -27,13 +28,22 @@ class Sensing:
     Args:
         robot: models and description (`grape.actions.robot.Robot`).
         place: the robot's place by a laser, where the mission has a map.
+        motion: how it moves by a laser, where the mission has laser odometry.
     """
 
-    def __init__(self, drivers: Drivers, world: World, robot: Any, place: LaserPlace | None = None) -> None:
+    def __init__(
+        self,
+        drivers: Drivers,
+        world: World,
+        robot: Any,
+        place: LaserPlace | None = None,
+        motion: LaserMotion | None = None,
+    ) -> None:
         self._drivers = drivers
         self._world = world
         self._robot = robot
         self._place = place
+        self._motion = motion
         description = robot.description
         self._estimator = PoseEstimator(_estimator_options(description, world))
         self._newest = {"wheels": _BEFORE_ALL, "imu": _BEFORE_ALL, "gnss": _BEFORE_ALL, "arm": _BEFORE_ALL}
@@ -61,6 +71,8 @@ class Sensing:
         world.odometry = odometry
         world.localized = self._estimator.ready
         world.frames.push("map", "base_link", odometry.pose, now)
+        if self._motion is not None:
+            self._motion.update(now, self._estimator)
         if self._place is not None:
             self._place.update(now, self._estimator)
             if self._place.pose is not None:

@@ -1,0 +1,59 @@
+"""How the robot moves by a laser of its base, one more input of the mission's filter: where wheels spin, it sees it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from grape.drivers import Drivers
+from grape.errors import StaleData
+from grape.geometry import pose, rotation_z, yaw_of
+from grape.localization import LaserOdometry, PoseEstimator
+from grape.mapping import plants_in_scan
+from grape.messages import Array, LaserScan
+from grape.mission.laser_place import OLDEST_S, base_scanner
+from grape.navigation.beams import ScanOptions, beams_from_scan
+
+SCAN_S = 0.2
+FARTHEST_M = 20.0
+
+
+class LaserMotion:
+    """Matches the scans of the first scanner on the base, of narrow things that stand out of the ground.
+
+    Ground that a tilted scanner sees does not stay where it is: with it, scans were matched wrongly on slopes.
+
+    Args:
+        description: `grape.robots.RobotDescription`.
+
+    Raises:
+        InvalidInput: the base has no laser scanner.
+    """
+
+    def __init__(self, drivers: Drivers, description: Any) -> None:
+        self._scanner, self._T_base_scan = base_scanner(drivers, description)
+        self._options = ScanOptions(mark_range=FARTHEST_M, clear_range=FARTHEST_M, ground=-description.base.height)
+        self._odometry = LaserOdometry()
+        self._next_s = 0.0
+
+    def update(self, now: float, estimator: PoseEstimator) -> None:
+        """Look at the newest scan, and let the filter have how the base has moved since the one before."""
+        if not estimator.initialized or now < self._next_s:
+            return
+        self._next_s = now + SCAN_S - 1e-6
+        try:
+            scan = self._scanner.latest(max_age_s=OLDEST_S)
+        except StaleData:
+            return
+        believed = estimator.odometry(scan.stamp)
+        twist = np.array([believed.linear[0], believed.linear[1], believed.angular[2]])
+        motion = self._odometry.take(scan.stamp, self._standing(scan, believed.pose), twist)
+        if motion is not None:
+            estimator.take_motion(motion.measurement())
+
+    def _standing(self, scan: LaserScan, T_map_base: Array) -> Array:
+        """(n, 2) m in base_link levelled, what stands out of the ground."""
+        T_level_base = pose(rotation_z(-yaw_of(T_map_base)) @ T_map_base[:3, :3])
+        beams = beams_from_scan(plants_in_scan(scan), T_level_base, self._T_base_scan, self._options)
+        return beams.ends[beams.hit]
