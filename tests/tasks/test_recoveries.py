@@ -13,6 +13,7 @@ import pytest
 from paper_robot import Bench
 
 import grape.trees
+from grape.actions.account import Outcome
 from grape.actions.core import Action, Context, Feedback
 from grape.bt import TreeExecutor, load_tree, node_library
 from grape.errors import ActionFailed, Reason
@@ -42,10 +43,17 @@ def result_of(action: Action[Any, Any], goal: Any, targets: tuple[HangTarget, ..
 
 
 class Play:
-    """The tree with scripted actions: each takes the next outcome of its list, and succeeds when none is left."""
+    """The tree with scripted actions: each takes the next outcome of its list, and succeeds when none is left.
 
-    def __init__(self, bench: Bench, script: Script, targets: tuple[HangTarget, ...], mode: str) -> None:
+    Args:
+        fallen_onto: the plant on which a dispenser that fell while it was brought is found hanging.
+    """
+
+    def __init__(
+        self, bench: Bench, script: Script, targets: tuple[HangTarget, ...], mode: str, fallen_onto: str = ""
+    ) -> None:
         self.steps: list[tuple[str, Any]] = []
+        self._fallen_onto = fallen_onto
         self._script, self._targets = defaultdict(list, script), targets
         actions = [a if a.name in REAL else replace(a, function=self._stub(a)) for a in TASK.actions]
         tree = load_tree(
@@ -68,6 +76,8 @@ class Play:
             if action.name == "DriveToPlant":
                 with ctx.ledger.step("drive", "v0", moves_base=True):
                     pass
+            if action.name == "CheckHand" and self._fallen_onto and self.names("ApproachSpur"):
+                ctx.ledger.finish(self._fallen_onto, Outcome.DEPLOYED)
             if failure is not None:
                 raise ActionFailed(failure, "as the script says")
             return result_of(action, goal, self._targets)
@@ -140,3 +150,25 @@ def test_a_plant_whose_way_stays_blocked_is_skipped_with_that_reason(bench: Benc
 def test_a_stop_from_which_nothing_is_reached_needs_no_giving_way(bench: Bench) -> None:
     play = Play(bench, {"ApproachSpur": [Reason.UNREACHABLE] * 9}, (spur(0.3),), "plant")
     assert not play.names("BackOff", "Wait")
+
+
+NOTHING, FELL = Reason.GRASP_FAILED, Reason.DISPENSER_FALLEN
+
+
+def test_when_a_dispenser_falls_on_its_way_another_one_is_brought_to_the_same_spur(bench: Bench) -> None:
+    play = Play(bench, {"HoldsDispenser": [NOTHING, FELL, NOTHING]}, (spur(0.3),), "plant")
+    assert play.names("GraspDispenser", "ApproachSpur", "ServoToSpur", "CheckDeployment") == [
+        "GraspDispenser", "ApproachSpur", "GraspDispenser", "ApproachSpur", "ServoToSpur", "CheckDeployment",
+    ]  # fmt: skip
+    assert outcome(bench)[0] == "deployed"
+
+
+def test_where_dispensers_keep_falling_the_plant_is_skipped(bench: Bench) -> None:
+    play = Play(bench, {"HoldsDispenser": [NOTHING, FELL] * 9}, (spur(0.3), spur(0.6)), "plant")
+    assert play.names("GraspDispenser") == ["GraspDispenser"] * 4 and not play.names("ServoToSpur")
+    assert outcome(bench) == ("skipped", "dispenser_fallen")
+
+
+def test_what_fell_onto_the_plant_and_hangs_there_needs_no_other_one(bench: Bench) -> None:
+    play = Play(bench, {"HoldsDispenser": [NOTHING, FELL]}, (spur(0.3),), "plant", fallen_onto="v0")
+    assert play.names("GraspDispenser") == ["GraspDispenser"] and outcome(bench)[0] == "deployed"
