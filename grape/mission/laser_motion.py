@@ -8,12 +8,13 @@ import numpy as np
 
 from grape.drivers import Drivers
 from grape.errors import StaleData
-from grape.geometry import pose, rotation_z, yaw_of
+from grape.geometry import planar_of
 from grape.localization import LaserOdometry, PoseEstimator
-from grape.mapping import plants_in_scan
+from grape.mapping import between, plants_in_scan, transform_points
 from grape.messages import Array, LaserScan
 from grape.mission.laser_place import OLDEST_S, base_scanner
 from grape.navigation.beams import ScanOptions, beams_from_scan
+from grape.navigation.ground import MeanGround
 
 SCAN_S = 0.2
 FARTHEST_M = 20.0
@@ -34,7 +35,7 @@ class LaserMotion:
     def __init__(self, drivers: Drivers, description: Any) -> None:
         self._scanner, self._T_base_scan = base_scanner(drivers, description)
         self._options = ScanOptions(mark_range=FARTHEST_M, clear_range=FARTHEST_M, ground=-description.base.height)
-        self._odometry = LaserOdometry()
+        self._odometry, self._ground = LaserOdometry(), MeanGround()
         self._next_s = 0.0
 
     def update(self, now: float, estimator: PoseEstimator) -> None:
@@ -54,6 +55,6 @@ class LaserMotion:
 
     def _standing(self, scan: LaserScan, T_map_base: Array) -> Array:
         """(n, 2) m in base_link levelled, what stands out of the ground."""
-        T_level_base = pose(rotation_z(-yaw_of(T_map_base)) @ T_map_base[:3, :3])
-        beams = beams_from_scan(plants_in_scan(scan), T_level_base, self._T_base_scan, self._options)
-        return beams.ends[beams.hit]
+        normal = self._ground.update(T_map_base)
+        beams = beams_from_scan(plants_in_scan(scan), T_map_base, self._T_base_scan, self._options, normal)
+        return transform_points(between(planar_of(T_map_base), np.zeros(3)), beams.ends[beams.hit])

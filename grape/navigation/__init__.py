@@ -7,6 +7,7 @@ from grape.navigation.dwa import Dwa, DwaOptions
 from grape.navigation.fence_guard import FenceGuard, FenceOptions
 from grape.navigation.follower import FollowerState, FollowerStep, LocalPlanner, Phase, PurePursuit, PursuitOptions
 from grape.navigation.grid import FREE, INSCRIBED, LETHAL, UNKNOWN, Costmap, Footprint, GridSpec
+from grape.navigation.ground import MeanGround
 from grape.navigation.layers import (
     DenoiseLayer,
     FootprintLayer,
@@ -52,6 +53,7 @@ __all__ = [
     "Layer",
     "LayeredCostmap",
     "LocalPlanner",
+    "MeanGround",
     "MonitorOptions",
     "Mppi",
     "MppiOptions",

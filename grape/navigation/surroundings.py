@@ -11,6 +11,7 @@ from grape.messages import Array, LaserScan, PointCloud
 from grape.navigation.beams import ScanOptions, SliceOptions, beams_from_cloud, beams_from_scan
 from grape.navigation.costmap import Beams, InflationOptions, Layer, ObstacleLayer, PolygonLayer, layered_costmap
 from grape.navigation.grid import Costmap, Footprint, GridSpec
+from grape.navigation.ground import MeanGround
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,17 +55,20 @@ class Surroundings:
         self._extent = GridSpec.around(np.asarray(extent, dtype=float), self.options.margin, self.options.resolution)
         self._sensors: dict[str, ObstacleLayer] = {}
         self._fences: Costmap | None = None
+        self._ground = MeanGround()
 
     def add_scan(self, name: str, scan: LaserScan, T_map_base: Array, T_base_sensor: Array) -> Beams:
         """Mark and clear by a horizontal laser scan; returns the beams that it was taken for."""
-        beams = beams_from_scan(scan, T_map_base, T_base_sensor, self.options.scan)
+        normal = self._ground.update(T_map_base)
+        beams = beams_from_scan(scan, T_map_base, T_base_sensor, self.options.scan, normal)
         self._layer(name, T_map_base).integrate(beams)
         return beams
 
     def add_cloud(self, name: str, cloud: PointCloud, T_map_base: Array, T_base_sensor: Array) -> None:
         """Mark and clear by a 3-D scan, of which only what stands out of the ground counts."""
+        normal = self._ground.update(T_map_base)
         self._layer(name, T_map_base).integrate(
-            beams_from_cloud(cloud.points, T_map_base, T_base_sensor, self.options.slice)
+            beams_from_cloud(cloud.points, T_map_base, T_base_sensor, self.options.slice, normal)
         )
 
     def forget(self, centre: Array, radius: float) -> None:

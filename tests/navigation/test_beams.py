@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from grape.geometry import pose, rotation_y, rotation_z, transform
 from grape.messages import LaserScan
 from grape.navigation.beams import ScanOptions, beams_from_cloud, beams_from_scan, scan_points
+from grape.navigation.ground import MeanGround
 
 T_BASE_LASER = pose(translation=(0.45, 0.0, 0.20))
 T_BASE_VELODYNE = pose(translation=(0.40, -0.20, 0.52))
@@ -64,6 +66,31 @@ def test_a_scanner_pitched_by_a_bump_does_not_take_the_ground_for_an_obstacle():
     beams = beams_from_scan(scan([np.nan, 2.5, np.nan]), T_map_base, T_BASE_LASER)
     assert not beams.hit.any()
     assert beams_from_scan(scan([np.nan, 2.5, np.nan]), np.eye(4), T_BASE_LASER).hit.all()
+
+
+def test_the_mean_of_a_slope_is_learnt_over_bumps_and_holds_where_one_levels_the_robot():
+    """Uphill at 0.1: the ground comes into the plane of the scanner 3.3 m ahead, a third of a metre higher."""
+    rng, ground = np.random.default_rng(0), MeanGround()
+    for x in np.arange(0.0, 6.0, 0.05):
+        bump = 0.06 * np.sin(2.0 * np.pi * x / 0.6) + rng.normal(0.0, 0.01)
+        normal = ground.update(pose(rotation_y(-0.1 + bump), (x, 0.0, 0.1 * x)))
+    assert np.arctan2(normal[0], normal[2]) == pytest.approx(-0.1, abs=0.025)
+    level = pose(None, (6.0, 0.0, 0.6))
+    assert beams_from_scan(scan([np.nan, 2.9, np.nan]), level, T_BASE_LASER).hit.all(), "as an obstacle, without it"
+    assert not beams_from_scan(scan([np.nan, 2.9, np.nan]), level, T_BASE_LASER, normal=normal).hit.any()
+    assert beams_from_scan(scan([np.nan, 0.5, np.nan]), level, T_BASE_LASER, normal=normal).hit.all(), "too near for it"
+    steep = [0.0, 0.0, 1.0] + 1.5 * (normal - [0.0, 0.0, 1.0])
+    rise = transform(np.linalg.inv(T_BASE_VELODYNE), [[x, 0.0, 0.15 * x + GROUND] for x in np.arange(4.0, 5.0, 0.05)])
+    assert beams_from_cloud(rise, level, T_BASE_VELODYNE).hit.any()
+    assert not beams_from_cloud(rise, level, T_BASE_VELODYNE, normal=steep).hit.any()
+
+
+def test_turning_on_the_spot_does_not_wear_the_mean_ground_out():
+    ground = MeanGround()
+    first = ground.update(pose(rotation_y(0.1)))
+    for _ in range(100):
+        last = ground.update(pose(rotation_y(-0.1)))
+    np.testing.assert_array_equal(first, last)
 
 
 def test_a_cloud_of_level_ground_seen_from_a_bump_is_no_obstacle_and_a_post_still_is():
