@@ -21,12 +21,17 @@ BEHIND_M = 1.5  # depth of what is behind everything that is drawn
 
 @dataclass
 class Scene:
-    """What the camera sees, in base_link: markers, red wings (flat, facing up), rods; wings at the nails when held."""
+    """What the camera sees, in base_link: markers, red wings (flat, facing up), rods; wings at the nails when held.
+
+    Attributes:
+        askew: where a wing of a loop is that hangs from one nail, in the frame of the nails.
+    """
 
     markers: dict[int, Any] = field(default_factory=dict)
     wings: list[Any] = field(default_factory=list)
     rods: list[tuple[Any, Any, float]] = field(default_factory=list)
     held: bool = False
+    askew: Any = None
 
     def draw(self, T_base_hand: Any, finger_angle: float, hand: Any) -> tuple[Any, Any]:
         """Colour (h, w, 3) and depth (h, w) from a hand pose."""
@@ -38,8 +43,10 @@ class Scene:
         for p0, p1, radius in self.rods:
             draw_rod(bgr, depth, transform(T_camera_base, np.array([p0, p1])), radius)
         wings = list(self.wings)
+        nails = T_base_hand @ hand.T_hand_nails(finger_angle)
+        if self.askew is not None:
+            wings.append(transform(nails, np.asarray(self.askew)))
         if self.held:
-            nails = T_base_hand @ hand.T_hand_nails(finger_angle)
             wings += [transform(nails, np.array([side * 0.032, 0.0, 0.0])) for side in (-1.0, 1.0)]
         for wing in wings:
             draw_wing(bgr, depth, transform(T_camera_base, wing))

@@ -52,7 +52,7 @@ def _look(goal: CheckHandGoal, ctx: Context) -> Generator[Feedback, None, str]:
     step, places = ctx.ledger.last_step(), ctx.ledger.dispensers()
     if places["hand"]:
         ballot = yield from look_at_hand(ctx, goal.frames)
-        return "" if ballot.value else (yield from account_for_fallen(ctx))
+        return "" if ballot.value else (yield from account_for_fallen(ctx, ballot))
     if step is not None and step.name == "grasp":
         ballot = yield from look_at_hand(ctx, goal.frames)
         if ballot.value:

@@ -9,6 +9,7 @@ from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.looking import Ballot, vote
 from grape.errors import ActionFailed, Reason
 from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
+from grape.tasks.dispenser.actions.withdraw_hand import WithdrawHandGoal, withdraw_hand
 from grape.tasks.dispenser.perception.wings import held
 from grape.tasks.dispenser.targets import HangTarget
 
@@ -27,7 +28,7 @@ def holds_dispenser(goal: HoldsDispenserGoal, ctx: Context) -> Generator[Feedbac
         raise ActionFailed(Reason.GRASP_FAILED, "nothing was grasped yet")
     ballot = yield from look_at_hand(ctx, goal.frames)
     if not ballot.value:
-        yield from account_for_fallen(ctx)
+        yield from account_for_fallen(ctx, ballot)
         raise ActionFailed(Reason.DISPENSER_FALLEN, ballot.reason)
     return NoResult()
 
@@ -45,16 +46,29 @@ def look_at_hand(ctx: Context, frames: int) -> Generator[Feedback, None, Ballot]
     return ballot
 
 
-def account_for_fallen(ctx: Context) -> Generator[Feedback, None, str]:
+def account_for_fallen(ctx: Context, seen: Ballot) -> Generator[Feedback, None, str]:
     """What the hand held by the account and does not hold hangs where it was put last, as far as is seen, or is lost.
+
+    One that was put somewhere and not let go may hang askew from a nail, where it looks as if it hung on the plant: the
+    hand leaves the plant before anybody looks there, and what comes along stays on the hand's account.
+
+    Args:
+        seen: what the camera saw at the nails.
 
     Returns:
         The plant that it hangs on, or nothing.
+
+    Raises:
+        ActionFailed: the hand could not be withdrawn.
     """
     step = ctx.ledger.last_step()
     if step is None or step.name not in ("place", "release"):
         ctx.ledger.move_dispenser("hand", "lost")
         return ""
+    if step.name == "place" and held(seen.image).blobs:
+        yield from withdraw_hand(WithdrawHandGoal(), ctx)
+        if held((yield from look_at_hand(ctx, seen.yes + seen.no)).image).blobs:
+            return ""
     hangs = yield from hangs_there(ctx, HangTarget(**step.details["target"]))
     return step.plant if hangs else ""
 

@@ -70,6 +70,21 @@ def test_a_new_attempt_knows_that_the_plant_has_it(bench: Bench, task: SimpleNam
     assert bench.ledger.dispensers()["n0"] == 1 and bench.ledger.account()["lost"] == 0
 
 
+@pytest.mark.parametrize("from_nail", [(0.04, 0.0, 0.0), (0.055, 0.08, 0.0)])
+def test_what_hangs_from_one_nail_before_a_plant_does_not_hang_on_the_plant(
+    bench: Bench, task: SimpleNamespace, from_nail: tuple[float, float, float]
+) -> None:
+    target = carried_to(bench, task, "place")
+    task.at_target(bench, target, 0.0)
+    bench.scene.askew = from_nail
+    begin = bench.hand[:3, 3].copy()
+    failure = bench.failure(holds_dispenser(HoldsDispenserGoal(), bench.ctx))
+    assert failure.reason is Reason.DISPENSER_FALLEN and np.linalg.norm(bench.hand[:3, 3] - begin) > 0.05
+    assert bench.ledger.dispensers()["n0"] == 0 and bench.ledger.account()["on_hand"] == 1
+    look(bench)
+    assert bench.ledger.account()["on_hand"] == 1 and not is_deployed(IsDeployedGoal(plant="n0"), bench.ctx)
+
+
 @pytest.mark.parametrize(
     ("held", "dispensers", "place"), [(True, 7, "on_hand"), (False, 7, "lost"), (False, 8, "left")]
 )
