@@ -236,7 +236,8 @@ def measured(run: Path) -> list[Quantity]:
     truth, seed = result["truth"], result["seed"]
     trusted = settled(path[:, 0], unfixed)
     whole, fixed = quarters(error, np.ones(n, bool)), quarters(error, trusted)
-    growth = fixed[1][0] - fixed[0][0] if fixed[0][1] and fixed[1][1] else None
+    (first, _), (last, _) = fixed
+    growth = None if first is None or last is None else last - first
     rows: list[tuple[str, str, float | None, int, str]] = [
         ("driven for", "min", result["sim_time_s"] / 60.0, result["sessions"], f">= {60 * HOURS:g}"),
         ("driven", "m", result["navigation"]["distance_m"], 1, ""),
