@@ -70,7 +70,7 @@ class RobotBench(ABC):
         self.ctx = Context(
             clock=clock,
             world=world,
-            drivers=guarded(drivers, description, world, clock, self.log),
+            drivers=guarded(drivers, self.robot, world, clock, self.log),
             robot=self.robot,
             jobs=InlineJobs(),
             log=self.log,

@@ -46,6 +46,7 @@ class Reason(StrEnum):
     # arm
     UNREACHABLE = "unreachable"
     IN_COLLISION = "in_collision"
+    CONTACT = "contact"
     NO_PLAN = "no_plan"
     TRACKING_ERROR = "tracking_error"
     DISTANCE_GROWS = "distance_grows"

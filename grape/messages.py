@@ -78,7 +78,7 @@ class JointState(Message):
     name: tuple[str, ...]
     position: Array  # (n,) rad (wheels: rad turned)
     velocity: Array  # (n,) rad/s
-    effort: Array  # (n,) N m
+    effort: Array  # (n,) N m that the motors apply, against gravity too; zeros where they are not measured
 
 
 @dataclass(frozen=True, kw_only=True)

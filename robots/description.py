@@ -94,6 +94,15 @@ class BaseDescription(_Frozen):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TouchDescription(_Frozen):
+    """How an arm feels what it touches, by the torques that its driver measures; per joint (n,)."""
+
+    motor_inertia: Array  # kg m^2 that turn with the motor, as felt at the joint; 0: measured behind the gear
+    friction: Array  # N m between the measured torque and the link
+    torque_max: Array  # N m from outside, beyond which a motion ends
+
+
+@dataclass(frozen=True, kw_only=True)
 class ArmDescription(_Frozen):
     """A serial arm. Angles are absolute: continuous joints are never wrapped."""
 
@@ -113,6 +122,7 @@ class ArmDescription(_Frozen):
     poses: Mapping[str, Array]  # (n,) rad: home, travel, ready_feeder, ready_left_fore, ready_left_aft
     cable_turns: float  # rad that the last joint may be away from its unwound angle
     unwound: Array  # (n,) rad: the winding that every cable starts from
+    touch: TouchDescription | None = None  # None: the arm measures no torques
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -78,6 +78,26 @@ class ArmModel:
         self._model.gravity.linear = np.asarray(gravity, float)
         return np.array(pin.computeGeneralizedGravity(self._model, self._data, self.checked(q)))
 
+    def mass_matrix(self, q: Array) -> Array:
+        """Joint-space inertia (n, n) kg m^2 of the links alone, without what turns in the motors."""
+        pin.crba(self._model, self._data, self.checked(q))
+        M = np.array(self._data.M)
+        return np.asarray(np.triu(M) + np.triu(M, 1).T)
+
+    def momentum_rate(
+        self, q: Array, dq: Array, gravity: Array | tuple[float, float, float] = (0.0, 0.0, -9.81)
+    ) -> Array:
+        """`C(q, dq)^T dq - g(q)` (n,) N m: what changes the links' momentum `M(q) dq` beside torques on the joints.
+
+        Args:
+            q, dq: (n,) rad and rad/s.
+            gravity: as in `gravity_torque`.
+        """
+        self._model.gravity.linear = np.asarray(gravity, float)
+        q, dq = self.checked(q), self.checked(dq)
+        C = pin.computeCoriolisMatrix(self._model, self._data, q, dq)
+        return np.asarray(C.T @ dq - pin.computeGeneralizedGravity(self._model, self._data, q))
+
     def limit_distance(self, q: Array) -> float:
         """Distance (rad) to the nearest joint limit, negative beyond it; inf when every joint is continuous."""
         q = self.checked(q)

@@ -1,4 +1,4 @@
-"""The guard of a mission's base: what zones, fences and the pose estimate say to each command."""
+"""The guards of a mission's actuators: zones, fences and pose before the base, torques from outside before the arm."""
 
 from __future__ import annotations
 
@@ -8,9 +8,12 @@ from typing import Any
 import numpy as np
 
 from grape.actions.core import Recorder
+from grape.actions.robot import Robot
 from grape.actions.shortest_way import footprint_of
 from grape.clock import Clock
-from grape.drivers import Drivers
+from grape.control.contact import GRAVITY, ContactObserver
+from grape.drivers import ArmDriver, Drivers
+from grape.drivers.guarded_arm import GuardedArm, Touch, TouchOptions
 from grape.drivers.guarded_base import GuardedBase, GuardOptions
 from grape.geometry import yaw_of
 from grape.messages import Array
@@ -19,12 +22,15 @@ from grape.navigation.fence_guard import FenceGuard
 from grape.world import World
 
 
-def guarded(drivers: Drivers, description: Any, world: World, clock: Clock, log: Recorder) -> Drivers:
-    """The drivers of a robot with its base behind a guard.
+def guarded(drivers: Drivers, robot: Robot, world: World, clock: Clock, log: Recorder) -> Drivers:
+    """The drivers of a robot with its base behind a guard, and its arm, if it measures torques."""
+    base = _guarded_base(drivers, robot.description, world, clock, log)
+    if robot.description.arm.touch is None:
+        return replace(drivers, base=base)
+    return replace(drivers, base=base, arm=_guarded_arm(drivers.arm, robot, world, clock, log))
 
-    Args:
-        description: `grape.robots.RobotDescription`.
-    """
+
+def _guarded_base(drivers: Drivers, description: Any, world: World, clock: Clock, log: Recorder) -> GuardedBase:
     limits = description.base
     footprint = footprint_of(limits.footprint)
 
@@ -38,7 +44,7 @@ def guarded(drivers: Drivers, description: Any, world: World, clock: Clock, log:
         log.event("base_guard", zone=decision.zone, verdict=str(decision.verdict), point=decision.point)
 
     mounts = description.mounts
-    base = GuardedBase(
+    return GuardedBase(
         drivers.base,
         clock,
         CollisionMonitor(limits.zones, CollisionOptions(footprint=footprint)),
@@ -56,4 +62,25 @@ def guarded(drivers: Drivers, description: Any, world: World, clock: Clock, log:
         ),
         tell,
     )
-    return replace(drivers, base=base)
+
+
+def _guarded_arm(arm: ArmDriver, robot: Robot, world: World, clock: Clock, log: Recorder) -> GuardedArm:
+    limits = robot.description.arm
+    touch = limits.touch
+
+    def gravity() -> Array:
+        """(3,) m/s^2 in the arm's base frame; the base is taken for level until its attitude is known."""
+        R = limits.T_base_link_arm_base[:3, :3]
+        return np.asarray((R if world.odometry is None else world.odometry.pose[:3, :3] @ R).T @ GRAVITY)
+
+    def tell(felt: Touch) -> None:
+        log.event("arm_contact", joint=felt.joint, torques=felt.torques)
+
+    return GuardedArm(
+        arm,
+        clock,
+        ContactObserver(robot.arm, touch.motor_inertia, touch.friction),
+        gravity,
+        TouchOptions(torque_max=touch.torque_max, velocity_max=limits.set_point_max),
+        tell,
+    )

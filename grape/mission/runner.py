@@ -144,7 +144,7 @@ class Runner:
         self.context = Context(
             clock=backend.clock,
             world=world,
-            drivers=guarded(backend.drivers, robot.description, world, backend.clock, self.log),
+            drivers=guarded(backend.drivers, robot, world, backend.clock, self.log),
             robot=robot,
             jobs=InlineJobs(),
             log=self.log,

@@ -33,7 +33,7 @@ import numpy as np
 
 from grape.geometry import pose, rotation_y
 from grape.messages import Array
-from grape.robots.description import ArmDescription, FeederDescription, GripperDescription, Mount
+from grape.robots.description import ArmDescription, FeederDescription, GripperDescription, Mount, TouchDescription
 
 _HOME = np.array([4.805, 2.925, 1.002, 4.203, 1.446, 1.323])  # Kinova's home position
 _TRAVEL = np.array([5.980, 3.744, 1.522, 5.993, 1.077, 2.548])
@@ -99,6 +99,11 @@ def jaco2(T_base_link_arm_base: Array) -> ArmDescription:
         },
         cable_turns=1.5 * np.pi,
         unwound=_TRAVEL,
+        touch=TouchDescription(
+            motor_inertia=np.array([4.0, 4.0, 4.0, 2.0, 2.0, 2.0]),
+            friction=np.array([2.0, 2.0, 2.0, 1.0, 1.0, 1.0]),
+            torque_max=np.array([12.0, 12.0, 12.0, 6.0, 6.0, 6.0]),  # 20 N at 0.6 m from a large joint
+        ),
     )
 
 

@@ -56,7 +56,8 @@ class SimulatedArm(SampledSensor[JointState]):
         self._actuators = physics.actuators(limits.joints)
         self._errors = draw_arm_errors(self._noise.constant(), len(limits.joints), options.errors)
         gain, bias = physics.model.actuator_gainprm, physics.model.actuator_biasprm
-        self._lead_s = -bias[self._actuators, 2] / gain[self._actuators, 0] * (1.0 - self._errors.trailing)
+        self._stiffness = gain[self._actuators, 0]
+        self._lead_s = -bias[self._actuators, 2] / self._stiffness * (1.0 - self._errors.trailing)
         self._timeout_steps = round(options.timeout_s * STEPS_PER_SECOND)
         self._target = np.zeros(len(limits.joints))
         self._velocity = np.zeros(len(limits.joints))
@@ -134,7 +135,11 @@ class SimulatedArm(SampledSensor[JointState]):
 
     def _snapshot(self) -> tuple[Array, Array, Array]:
         data = self._physics.data
-        return self._encoders(data.qpos[self._qpos]), data.qvel[self._qvel], data.qfrc_actuator[self._qvel]
+        velocity = data.qvel[self._qvel]
+        # What acted in the last step is what the servos ask for where the joints are at its end: the integrator is
+        # implicit in position.
+        effort = data.qfrc_actuator[self._qvel] - self._stiffness * STEP_S * velocity
+        return self._encoders(data.qpos[self._qpos]), velocity, effort
 
     def _measure(self, index: int, stamp: float, snapshot: tuple[Array, Array, Array]) -> JointState:
         position, velocity, effort = snapshot

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -172,7 +173,9 @@ def backend(mission: Mission) -> FakeBackend:
 @pytest.fixture
 def robot() -> Any:
     T_arm_hand = pose(rotation_z(0.3), (0.2, 0.0, 0.5))
-    return SimpleNamespace(description=robot_description("husky_jaco2"), arm=SimpleNamespace(fk=lambda q: T_arm_hand))
+    description = robot_description("husky_jaco2")
+    description = replace(description, arm=replace(description.arm, touch=None))
+    return SimpleNamespace(description=description, arm=SimpleNamespace(fk=lambda q: T_arm_hand))
 
 
 @pytest.fixture

@@ -68,11 +68,12 @@ class Bench:
         log: Any = SimpleNamespace(event=lambda kind, **fields: self.told.append(fields.get("zone", kind)))
         areas = tuple(Area(id=f"fence {k}", polygon=polygon) for k, polygon in enumerate(fences))
         world = World(site=replace(SITE, fences=areas))
+        robot: Any = SimpleNamespace(description=replace(DESCRIPTION, arm=replace(DESCRIPTION.arm, touch=None)))
         self.ctx = core.Context(
             clock=self,
             world=world,
-            drivers=guarded(drivers, DESCRIPTION, world, self, log) if fences else drivers,
-            robot=SimpleNamespace(description=DESCRIPTION),
+            drivers=guarded(drivers, robot, world, self, log) if fences else drivers,
+            robot=robot,
             jobs=core.InlineJobs(),
             log=log,
             ledger=none,
