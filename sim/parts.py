@@ -29,7 +29,7 @@ class Part(IntEnum):
     WALKER = 9  # people and animals
 
 
-# Pairs that must not touch. Nails and fingers may touch plants gently when they place a loop: only nails are excepted.
+# Pairs that must not touch. Nails may touch plants gently when they place a loop; how gently is measured.
 _FORBIDDEN = (
     (Part.BODY, Part.GROUND),
     (Part.ARM, Part.GROUND),
@@ -54,6 +54,7 @@ _FORBIDDEN = (
     (Part.FINGER, Part.WALKER),
     (Part.NAIL, Part.WALKER),
 )
+_MEASURED = (*_FORBIDDEN, (Part.NAIL, Part.PLANT))
 _SOFT = (Label.WEED,)
 
 
@@ -66,13 +67,16 @@ class PartTable:
         names: what a person calls the geom's part: the body of the robot, the plant or thing of the world.
         plants: id of the plant that a geom belongs to, or an empty string.
         labels: (geoms,) of `Label`, -1 outside the world.
+        matrix: (parts, parts) bool, which of them must not touch.
+        measured: (parts, parts) bool, those and others whose force counts.
     """
 
     kinds: Array
     names: tuple[str, ...]
     plants: tuple[str, ...]
     labels: Array
-    matrix: Array  # (parts, parts) bool
+    matrix: Array
+    measured: Array
 
     @classmethod
     def of(cls, model: mujoco.MjModel, world: World, robot: RobotDescription) -> PartTable:
@@ -94,15 +98,19 @@ class PartTable:
                 labels[geom] = thing.label
             if touchable:
                 kinds[geom] = _kind(chain, labels[geom], robot)
-        matrix = np.zeros((len(Part), len(Part)), dtype=bool)
-        for a, b in _FORBIDDEN:
-            matrix[a, b] = matrix[b, a] = True
-        return cls(kinds=kinds, names=tuple(names), plants=tuple(plants), labels=labels, matrix=matrix)
+        return cls(
+            kinds=kinds, names=tuple(names), plants=tuple(plants), labels=labels,
+            matrix=_among(_FORBIDDEN), measured=_among(_MEASURED),
+        )  # fmt: skip
 
-    def forbidden(self, pairs: Array) -> Array:
-        """Which of the contacts (n, 2) of geoms should not be: (n,) bool."""
+    def force_counts(self, pairs: Array) -> Array:
+        """Of which contacts (n, 2) of geoms the force is to be measured: (n,) bool."""
         kinds = self.kinds[pairs]
-        return self.matrix[kinds[:, 0], kinds[:, 1]]
+        return self.measured[kinds[:, 0], kinds[:, 1]]
+
+    def forbidden(self, first: int, second: int) -> bool:
+        """Whether two geoms should not touch."""
+        return bool(self.matrix[self.kinds[first], self.kinds[second]])
 
     def is_a(self, geom: int, part: Part) -> bool:
         """Whether a geom is of a kind."""
@@ -113,6 +121,14 @@ class PartTable:
         others = (Part.GROUND, Part.PLANT, Part.WALKER)
         a, b = sorted((first, second), key=lambda geom: (self.kinds[geom] in others, geom))
         return self.names[a], self.names[b]
+
+
+def _among(pairs: tuple[tuple[Part, Part], ...]) -> Array:
+    """(parts, parts) bool, both ways."""
+    matrix = np.zeros((len(Part), len(Part)), dtype=bool)
+    for a, b in pairs:
+        matrix[a, b] = matrix[b, a] = True
+    return matrix
 
 
 def _body_chains(model: mujoco.MjModel) -> list[list[str]]:

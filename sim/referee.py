@@ -153,11 +153,12 @@ class Referee:
         seen = pairs.tobytes()
         if seen == self._harmless:
             return
-        watched = np.flatnonzero(self._parts.forbidden(pairs))
+        watched = np.flatnonzero(self._parts.force_counts(pairs))
         if not watched.size:
             self._harmless = seen
             return
         forces: dict[tuple[str, str], float] = {}
+        collided: set[tuple[str, str]] = set()
         wrench = np.zeros(6)
         for k in watched:
             first, second = (int(geom) for geom in pairs[k])
@@ -166,7 +167,11 @@ class Referee:
             forces[key] = forces.get(key, 0.0) + abs(float(wrench[0]))
             if self._parts.is_a(first, Part.PLANT) or self._parts.is_a(second, Part.PLANT):
                 self._max_plant_force = max(self._max_plant_force, forces[key])
+            if self._parts.forbidden(first, second):
+                collided.add(key)
         for key, force in forces.items():
+            if key not in collided:
+                continue
             known = self._collisions.setdefault(
                 key, Collision(a=key[0], b=key[1], force_n=0.0, time_s=self._physics.clock.now())
             )

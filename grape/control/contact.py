@@ -25,7 +25,7 @@ class ContactObserver:
             the gears.
         friction: (n,) N m between the measured torques and the links.
         gain: 1/s; the estimate follows with this time constant.
-        gap_s: after a longer time without joint states, or a shorter one than none, it begins anew.
+        gap_s: after a longer time without joint states, or when their time goes back, it begins anew.
     """
 
     def __init__(

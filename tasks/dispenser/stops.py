@@ -20,7 +20,7 @@ from grape.planning.placement import Placement, choose_stop, reach_margins
 from grape.tasks.dispenser.targets import HangTarget, hang_line
 
 SPUR_STAND_OFF_M, NAIL_STAND_OFF_M = 0.10, 0.24  # how far before the tip the hand begins, at most
-PITCHES = (float(np.radians(55.0)), float(np.radians(65.0)))  # rad, of the hand over a spur, best first
+PITCHES = tuple(float(p) for p in np.radians((55.0, 65.0, 40.0)))  # rad, of the hand over a spur, best first
 AZIMUTHS = tuple(float(a) for a in np.radians((0.0, 25.0, -25.0, 50.0, -50.0)))  # and its turn about the vertical
 STEP_M = 0.04  # between the hand poses that are looked at
 

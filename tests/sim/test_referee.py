@@ -11,6 +11,7 @@ from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.sim.areas import contains, passes_through, polygons_touch
 from grape.sim.compose import BASE_JOINT
 from grape.sim.faults import DropDispenser
+from grape.sim.parts import Part
 from grape.sim.worlds.model import Label
 from tests.sim.conftest import over, place
 
@@ -148,6 +149,16 @@ def test_driving_into_a_post_is_a_collision_with_its_force_and_time(simulate):
     assert hit["a"] == "base_link"
     assert hit["force_n"] > 30 and hit["time_s"] > before
     assert found["max_plant_force_n"] >= hit["force_n"]
+
+
+def test_nails_may_touch_plants_and_how_hard_is_measured(simulate):
+    parts = simulate(dispensers=1).referee._parts
+    plant, nail, arm, loop = (
+        int(np.flatnonzero(parts.kinds == kind)[0]) for kind in (Part.PLANT, Part.NAIL, Part.ARM, Part.DISPENSER)
+    )
+    pairs = np.array([[nail, plant], [plant, nail], [arm, plant], [loop, plant], [loop, nail]])
+    assert parts.force_counts(pairs).tolist() == [True, True, True, False, False]
+    assert [parts.forbidden(a, b) for a, b in pairs] == [False, False, True, False, False]
 
 
 def test_the_arm_in_the_deck_is_a_collision_with_itself(simulate):

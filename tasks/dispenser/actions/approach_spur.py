@@ -5,15 +5,14 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 
-import numpy as np
-
 from grape.actions.core import Context, Feedback, action
 from grape.actions.move_arm import move_to_pose
 from grape.actions.retract import back_off
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, Reason
-from grape.tasks.dispenser.stops import SPUR_STAND_OFF_M, margins_of, orientations
+from grape.tasks.dispenser.stops import SPUR_STAND_OFF_M, orientations
 from grape.tasks.dispenser.targets import HangTarget, hang_line
+from grape.tasks.dispenser.ways import ways_by_ease
 
 TURN_THE_HAND = (Reason.UNREACHABLE, Reason.NO_PLAN, Reason.IN_COLLISION, Reason.CABLE_BUDGET)
 
@@ -75,7 +74,6 @@ def _move_above(ctx: Context, arm: ArmDriver, target: HangTarget, stand_off: flo
 
 
 def _turned(ctx: Context, target: HangTarget) -> list[HangTarget]:
-    """The other orientations of the hand in which the arm can do the whole motion, with most room first."""
+    """The other orientations of the hand in which the arm can do the whole motion, best first."""
     others = [way for way in orientations(target) if (way.pitch, way.azimuth) != (target.pitch, target.azimuth)]
-    margins = margins_of(ctx.robot, others) if others else np.zeros(0)
-    return [others[k] for k in np.argsort(-margins, kind="stable") if margins[k] > 0.0]
+    return ways_by_ease(ctx.robot, others)

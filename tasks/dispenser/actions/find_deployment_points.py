@@ -22,12 +22,12 @@ from grape.tasks.dispenser.perception.depth_view import DepthView
 from grape.tasks.dispenser.perception.spurs import LIDAR_SPURS, MergeOptions, extract_poses, merge_poses, rank
 from grape.tasks.dispenser.perception.wires import find_wires, going_on
 from grape.tasks.dispenser.row import plant_in_base
-from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, margins_of, orientations
+from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, orientations
 from grape.tasks.dispenser.targets import HangTarget, hang_line, remember_spurs
+from grape.tasks.dispenser.ways import ways_by_ease
 
 NEW_M = 0.03  # from the scan's points: those seen near the hand are coarse, and the LiDAR's of them off by as much
 MOST_UNSEEN_M = 0.12  # of a spur beyond what was seen of it
-ALIKE, EASY = 0.2, 0.6  # margins this near are alike; from here on more of it is worth nothing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -193,14 +193,8 @@ def _target(goal: FindDeploymentPointsGoal, found: DeploymentPose) -> HangTarget
 
 
 def _reachable(goal: FindDeploymentPointsGoal, ctx: Context, spur: HangTarget) -> HangTarget | None:
-    """The target with the hand orientation that has most room to move and touches nothing, None when none has."""
-    ways = orientations(spur, goal.pitches, goal.azimuths)
-    margins = margins_of(ctx.robot, ways)
-    # Stable: of ways with about the same margin the one that comes first is taken.
-    for k in np.argsort(-np.minimum(np.round(margins / ALIKE), round(EASY / ALIKE)), kind="stable"):
-        way = ways[k]
-        if margins[k] > 0.0 and find_postures(
-            ctx, hang_line(ctx.robot, way, SPUR_STAND_OFF_M), touch=way.touched(), holding=True
-        ):
+    """The target with the best orientation of the hand that touches nothing, None when there is none."""
+    for way in ways_by_ease(ctx.robot, orientations(spur, goal.pitches, goal.azimuths)):
+        if find_postures(ctx, hang_line(ctx.robot, way, SPUR_STAND_OFF_M), touch=way.touched(), holding=True):
             return way
     return None
