@@ -29,13 +29,13 @@ class ContactObserver:
     """
 
     def __init__(
-        self, arm: ArmModel, motor_inertia: Array, friction: Array, gain: float = 25.0, gap_s: float = 0.05
+        self, arm: ArmModel, motor_inertia: Array, friction: Array, gain: float = 25.0, gap_s: float = 0.25
     ) -> None:
         self._arm, self._gain, self._gap_s = arm, gain, gap_s
         self._inertia, self._friction = arm.checked(motor_inertia), arm.checked(friction)
-        if not 0.0 < gain * gap_s < 2.0:
-            raise InvalidInput(f"gain x gap_s must be between 0 and 2 for a stable estimate, got {gain} x {gap_s}")
-        self._stamp, self._sum = -np.inf, np.zeros(arm.dof)
+        if not (0.0 < gain < np.inf and 0.0 < gap_s < np.inf):
+            raise InvalidInput(f"gain and gap_s must be above 0 and finite, got {gain} and {gap_s}")
+        self._stamp, self._momentum = -np.inf, np.zeros(arm.dof)
         self.torques = np.zeros(arm.dof)
 
     def update(self, joints: JointState, gravity: Array | tuple[float, float, float] = GRAVITY) -> Array:
@@ -53,10 +53,11 @@ class ContactObserver:
         q, dq, effort = (self._arm.checked(values) for values in (joints.position, joints.velocity, joints.effort))
         momentum = self._arm.mass_matrix(q) @ dq + self._inertia * dq
         dt, self._stamp = joints.stamp - self._stamp, joints.stamp
+        gained, self._momentum = momentum - self._momentum, momentum
         if not 0.0 < dt <= self._gap_s:
-            self._sum, self.torques = momentum, np.zeros(self._arm.dof)
+            self.torques = np.zeros(self._arm.dof)
             return self.torques
         driven = effort - self._friction * np.tanh(dq / SLOW) + self._arm.momentum_rate(q, dq, gravity)
-        self._sum = self._sum + (driven + self.torques) * dt
-        self.torques = self._gain * (momentum - self._sum)
+        share = 1.0 - np.exp(-self._gain * dt)
+        self.torques = self.torques + share * (gained / dt - driven - self.torques)
         return self.torques
