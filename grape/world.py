@@ -50,6 +50,7 @@ class World:
     encoder_offsets: Array | None = None  # (n,) rad by which the arm's encoders tell too much; None: not calibrated
     gripper: GripperState | None = None
     driving: Driving | None = None  # while the base drives
+    touching: bool = False  # while the hand works by contact: the arm's guard lets touches be
     committed: dict[str, Any] = field(default_factory=dict)  # results of actions by name, for later actions
 
     def base_pose(self) -> Array:

@@ -57,6 +57,7 @@ class GuardedArm:
         observer: what is felt, by joint states.
         gravity: (3,) m/s^2 in the arm's base frame, now.
         on_touch: told about each touch when it begins.
+        may_touch: whether the hand works by contact now, so that touches are let be.
     """
 
     def __init__(
@@ -67,9 +68,10 @@ class GuardedArm:
         gravity: Callable[[], Array],
         options: TouchOptions,
         on_touch: Callable[[Touch], None] = lambda touch: None,
+        may_touch: Callable[[], bool] = lambda: False,
     ) -> None:
         self._arm, self._clock, self._observer, self._gravity = arm, clock, observer, gravity
-        self._options, self._on_touch = options, on_touch
+        self._options, self._on_touch, self._may_touch = options, on_touch, may_touch
         self._came: deque[JointState] = deque()  # of the last `back_s`
         self._touch: Touch | None = None
         self._since = 0.0
@@ -123,7 +125,7 @@ class GuardedArm:
     def _judge(self, torques: Array, velocity: Array) -> Touch | None:
         share = np.abs(torques) / self._options.torque_max
         worst = int(share.argmax())
-        if share[worst] <= 1.0 or np.dot(velocity, torques) >= 0.0:
+        if share[worst] <= 1.0 or np.dot(velocity, torques) >= 0.0 or self._may_touch():
             return None
         return Touch(joint=worst + 1, torques=torques)
 

@@ -83,4 +83,5 @@ def _guarded_arm(arm: ArmDriver, robot: Robot, world: World, clock: Clock, log: 
         gravity,
         TouchOptions(torque_max=touch.torque_max, velocity_max=limits.set_point_max),
         tell,
+        lambda: world.touching,
     )

@@ -14,6 +14,7 @@ from grape.tasks.dispenser.targets import AIM_DEPTH_M, AIM_OFFSET_M, RETREAT_M, 
 
 ALIKE, EASY = 0.2, 0.6  # margins of the arm this near are alike; from here on more of it is worth nothing
 GAP_M = 0.004  # from here on more room between nails and spur is worth nothing: tips are known to 4 mm, hands to 2
+TIGHT_M = 0.001  # nearer than this the nails may press on the spur
 NAIL_M, STEM_M, STEM_LENGTH_M = 0.0065, 0.0028, 0.045  # radii of a nail's groove and of its stem, and how long that is
 WOOD_M = 0.12  # of a spur below its tip that counts
 FINE_M = 0.002  # between points of nails and spur
@@ -33,6 +34,11 @@ def ways_by_ease(robot: Robot, ways: Sequence[HangTarget]) -> list[HangTarget]:
     ease = np.minimum(np.round(margins / ALIKE), round(EASY / ALIKE))
     room = np.round(EASY / ALIKE * np.clip(gaps / GAP_M, 0.0, 1.0))  # counts for as much
     return [ways[k] for k in np.argsort(-(ease + room), kind="stable") if margins[k] > 0.0]
+
+
+def is_tight(robot: Robot, way: HangTarget) -> bool:
+    """Whether the nails may press on a spur when they let go beside it."""
+    return nail_gap(robot.description.gripper, robot.hand, way) < TIGHT_M
 
 
 def nail_gap(gripper: Any, hand: Any, target: HangTarget) -> float:

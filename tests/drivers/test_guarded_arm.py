@@ -135,6 +135,17 @@ def test_an_arm_that_tells_no_torques_feels_nothing(spoil):
     assert drive(arm, guard(arm), 0.1 * JOINT_2, 200) == 200
 
 
+def test_work_by_contact_is_let_be_until_it_is_over():
+    arm, touches = PaperArm(wall(1, DESCRIPTION.arm.poses["home"][1] + 0.02)), []
+    options = TouchOptions(torque_max=LIMIT, velocity_max=DESCRIPTION.arm.set_point_max)
+    works = [True]
+    observer = ContactObserver(ARM, INERTIA, FRICTION)
+    guarded = GuardedArm(arm, arm, observer, lambda: np.array(GRAVITY), options, touches.append, lambda: works[0])
+    assert drive(arm, guarded, 0.05 * JOINT_2, 60) == 60 and not touches
+    works[0] = False
+    assert drive(arm, guarded, 0.05 * JOINT_2, 60) < 60 and touches
+
+
 def test_an_arm_that_tells_nothing_is_driven_as_before():
     arm = PaperArm()
     arm.told = False

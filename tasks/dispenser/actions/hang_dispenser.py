@@ -17,6 +17,7 @@ from grape.actions.hand_path import (
     straight,
 )
 from grape.actions.servoing import leave
+from grape.actions.touching import touching
 from grape.drivers import ArmDriver, GripperDriver
 from grape.errors import ActionFailed
 from grape.geometry import pose
@@ -54,6 +55,7 @@ def hang_dispenser(goal: HangDispenserGoal, ctx: Context) -> Generator[Feedback,
         ctx.ledger.step("release", goal.target.plant, target=goal.target.as_record()),
         ctx.arm.lease("HangDispenser") as arm,
         ctx.gripper.lease("HangDispenser") as fingers,
+        touching(ctx),
     ):
         try:
             yield from _let_go(goal, ctx, arm, fingers)

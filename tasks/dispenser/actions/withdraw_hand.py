@@ -12,6 +12,7 @@ from grape.actions.core import Context, Feedback, NoResult, Step, action
 from grape.actions.hand_path import JOINT_OFFSETS, HandPathOptions, follow_hand_path, smooth_step, straight
 from grape.actions.obstacles import OBSTACLES, Obstacles
 from grape.actions.servoing import leave
+from grape.actions.touching import touching
 from grape.drivers import ArmDriver, GripperDriver
 from grape.geometry import interpolate, inverse, pose
 from grape.messages import Array
@@ -49,7 +50,7 @@ def withdraw_hand(goal: WithdrawHandGoal, ctx: Context) -> Generator[Feedback, N
     _recall_stop(ctx)
     yield Feedback(status="finding out where the hand is")
     step = ctx.ledger.last_step()
-    with ctx.arm.lease("WithdrawHand") as arm, ctx.gripper.lease("WithdrawHand") as fingers:
+    with ctx.arm.lease("WithdrawHand") as arm, ctx.gripper.lease("WithdrawHand") as fingers, touching(ctx):
         if step is None:
             return NoResult()
         if step.name in ("insert", "grasp"):
