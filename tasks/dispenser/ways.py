@@ -41,6 +41,11 @@ def is_tight(robot: Robot, way: HangTarget) -> bool:
     return nail_gap(robot.description.gripper, robot.hand, way) < TIGHT_M
 
 
+def tight_last(robot: Robot, ways: Sequence[HangTarget]) -> list[HangTarget]:
+    """The same ways in their order, but those that are tight at the end, the tightest last."""
+    return sorted(ways, key=lambda way: -min(nail_gap(robot.description.gripper, robot.hand, way), TIGHT_M))
+
+
 def nail_gap(gripper: Any, hand: Any, target: HangTarget) -> float:
     """Least distance (m) between a spur and the nails while they close and the hand backs off; below 0 they touch.
 

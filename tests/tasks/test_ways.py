@@ -11,7 +11,7 @@ from grape.actions.robot import build_robot
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser.stops import Stop, margins_of, orientations
 from grape.tasks.dispenser.targets import HangTarget
-from grape.tasks.dispenser.ways import nail_gap, ways_by_ease
+from grape.tasks.dispenser.ways import is_tight, nail_gap, tight_last, ways_by_ease
 
 ROBOT = build_robot(DESCRIPTION)
 PLACE = np.array([*Stop(ahead_m=0.0, beside_m=0.54).plant_in_base(DESCRIPTION), 0.6])
@@ -56,3 +56,11 @@ def test_of_all_ways_one_is_taken_that_leaves_the_spur_alone(direction):
 def test_out_of_reach_there_is_no_way():
     assert ways_by_ease(ROBOT, orientations(replace(UPRIGHT, tip=np.add(PLACE, [0.0, 3.0, 0.0])))) == []
     assert ways_by_ease(ROBOT, []) == []
+
+
+def test_where_nails_would_press_comes_last_and_the_worst_at_the_end():
+    worst, tight = leaning((0.0, 0.5, 0.87)), leaning((0.0, 0.2, 0.98))
+    assert gap(worst) < gap(tight) < 0.001 < gap(UPRIGHT)
+    assert [is_tight(ROBOT, target) for target in (worst, tight, UPRIGHT)] == [True, True, False]
+    other = replace(UPRIGHT, direction=np.array([0.0, -0.3, 0.95]))
+    assert tight_last(ROBOT, [worst, UPRIGHT, tight, other]) == [UPRIGHT, other, tight, worst]

@@ -24,7 +24,7 @@ from grape.tasks.dispenser.perception.wires import find_wires, going_on
 from grape.tasks.dispenser.row import plant_in_base
 from grape.tasks.dispenser.stops import AZIMUTHS, PITCHES, SPUR_STAND_OFF_M, orientations
 from grape.tasks.dispenser.targets import HangTarget, hang_line, remember_spurs
-from grape.tasks.dispenser.ways import is_tight, ways_by_ease
+from grape.tasks.dispenser.ways import is_tight, tight_last, ways_by_ease
 
 NEW_M = 0.03  # from the scan's points: those seen near the hand are coarse, and the LiDAR's of them off by as much
 MOST_UNSEEN_M = 0.12  # of a spur beyond what was seen of it
@@ -87,15 +87,16 @@ def find_deployment_points(
     spurs = [_target(goal, found) for found in poses]
     remember_spurs(ctx, spurs)
     targets: list[HangTarget] = []
-    tight: list[HangTarget] = []
+    clear = 0
     for k, spur in enumerate(spurs):
         yield Feedback(status="checking which spurs can be reached", progress=0.5 + 0.5 * k / len(spurs))
         target = yield from ctx.jobs.run(_reachable, goal, ctx, spur)
         if target is not None:
-            (tight if is_tight(ctx.robot, target) else targets).append(target)
-        if len(targets) >= goal.most:
+            targets.append(target)
+            clear += not is_tight(ctx.robot, target)
+        if clear >= goal.most:
             break
-    targets = [*targets, *tight][: goal.most]
+    targets = tight_last(ctx.robot, targets)[: goal.most]
     if not targets:
         raise ActionFailed(Reason.NO_DEPLOYMENT_POINT, f"{len(poses)} spurs found on {goal.plant}, none within reach")
     return FindDeploymentPointsResult(targets=tuple(targets))
