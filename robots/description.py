@@ -156,6 +156,9 @@ class GripperDescription(_Frozen):
     radius: float  # m
     reference: float  # rad
     nail_x: float  # m
+    nail_radius: float  # m, about the groove, with all that surrounds it
+    stem_radius: float  # m, of what carries the groove
+    stem_length: float  # m, from the groove up
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,12 +7,11 @@ from typing import Any
 import numpy as np
 
 from grape.drivers import Drivers
-from grape.errors import StaleData
 from grape.geometry import planar_of
 from grape.localization import LaserOdometry, PoseEstimator
 from grape.mapping import between, plants_in_scan, transform_points
 from grape.messages import Array, LaserScan
-from grape.mission.laser_place import OLDEST_S, base_scanner
+from grape.mission.base_scanner import BaseScanner
 from grape.navigation.beams import ScanOptions, beams_from_scan
 from grape.navigation.ground import MeanGround
 
@@ -33,19 +32,14 @@ class LaserMotion:
     """
 
     def __init__(self, drivers: Drivers, description: Any) -> None:
-        self._scanner, self._T_base_scan = base_scanner(drivers, description)
+        self._scanner = BaseScanner(drivers, description, SCAN_S)
         self._options = ScanOptions(mark_range=FARTHEST_M, clear_range=FARTHEST_M, ground=-description.base.height)
         self._odometry, self._ground = LaserOdometry(), MeanGround()
-        self._next_s = 0.0
 
     def update(self, now: float, estimator: PoseEstimator) -> None:
         """Look at the newest scan, and let the filter have how the base has moved since the one before."""
-        if not estimator.initialized or now < self._next_s:
-            return
-        self._next_s = now + SCAN_S - 1e-6
-        try:
-            scan = self._scanner.latest(max_age_s=OLDEST_S)
-        except StaleData:
+        scan = self._scanner.due(now) if estimator.initialized else None
+        if scan is None:
             return
         believed = estimator.odometry(scan.stamp)
         twist = np.array([believed.linear[0], believed.linear[1], believed.angular[2]])
@@ -56,5 +50,5 @@ class LaserMotion:
     def _standing(self, scan: LaserScan, T_map_base: Array) -> Array:
         """(n, 2) m in base_link levelled, what stands out of the ground."""
         normal = self._ground.update(T_map_base)
-        beams = beams_from_scan(plants_in_scan(scan), T_map_base, self._T_base_scan, self._options, normal)
+        beams = beams_from_scan(plants_in_scan(scan), T_map_base, self._scanner.T_base_scan, self._options, normal)
         return transform_points(between(planar_of(T_map_base), np.zeros(3)), beams.ends[beams.hit])

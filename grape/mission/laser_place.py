@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from grape.actions.core import Recorder
-from grape.drivers import Drivers, SensorDriver
-from grape.errors import InvalidInput, StaleData
+from grape.drivers import Drivers
 from grape.geometry import planar_of
 from grape.localization import (
     AmclInput,
@@ -22,10 +21,10 @@ from grape.localization import (
 )
 from grape.mapping import OccupancyGrid
 from grape.messages import Array, LaserScan
+from grape.mission.base_scanner import BaseScanner
 
 LISTEN_S = 0.1  # between the velocities that AMCL hears
 SCAN_S = 0.25
-OLDEST_S = 0.2
 # A base that skids round is shifted by up to 0.2 m a radian. Rows repeat themselves, so no place is searched anywhere
 # else: an AMCL that the filter contradicts for long begins anew around it.
 OPTIONS = AmclInputOptions(
@@ -37,19 +36,6 @@ OPTIONS = AmclInputOptions(
         noise=OdometryNoise(turn_by_turn=0.01, turn_by_way=5e-4, way_by_way=0.01, way_by_turn=0.08),
     )
 )
-
-
-def base_scanner(drivers: Drivers, description: Any) -> tuple[SensorDriver[LaserScan], Array]:
-    """The first scanner that is mounted on the base, and T_base_link_scanner (4, 4).
-
-    Raises:
-        InvalidInput: the base has none.
-    """
-    for name, scanner in drivers.scans.items():
-        mount = description.mounts.get(name)
-        if mount is not None and mount.parent == "base_link":
-            return scanner, mount.T_parent_sensor
-    raise InvalidInput(f"{description.name}: a map or laser odometry needs a laser scanner on the base")
 
 
 class LaserPlace:
@@ -75,12 +61,12 @@ class LaserPlace:
         *,
         seen: Callable[[LaserScan], LaserScan] = lambda scan: scan,
     ) -> None:
-        self._scanner, T_base_scan = base_scanner(drivers, description)
-        self._input = AmclInput(LikelihoodField(grid), rng, OPTIONS, planar_of(T_base_scan))
+        self._scanner = BaseScanner(drivers, description, SCAN_S)
+        self._input = AmclInput(LikelihoodField(grid), rng, OPTIONS, planar_of(self._scanner.T_base_scan))
         self._seen = seen
         self._log = log
         self._told: Discord | None = None
-        self._listen_s = self._scan_s = 0.0
+        self._listen_s = 0.0
 
     @property
     def pose(self) -> Array | None:
@@ -93,12 +79,8 @@ class LaserPlace:
             return
         self._listen_s = now + LISTEN_S - 1e-6
         self._input.advance(estimator.odometry(now))
-        if now < self._scan_s:
-            return
-        self._scan_s = now + SCAN_S - 1e-6
-        try:
-            scan = self._scanner.latest(max_age_s=OLDEST_S)
-        except StaleData:
+        scan = self._scanner.due(now)
+        if scan is None:
             return
         measurement = self._input.take(self._seen(scan), estimator.odometry(scan.stamp))
         if measurement is not None:

@@ -69,6 +69,9 @@ GRIPPER = GripperDescription(
     radius=0.150,
     reference=0.675,
     nail_x=0.014569581,
+    nail_radius=0.0065,
+    stem_radius=0.0028,
+    stem_length=0.045,
 )
 
 

@@ -34,6 +34,7 @@ class ArmDriverOptions:
     beat_s: float = 0.01  # time between set-points that acceleration limits are counted over
     lead: float = 0.05  # rad that the reference may run ahead of the measured angle
     encoder_sigma: float = 1e-4  # rad
+    torque_sigma: float = 0.2  # N m
     errors: float = 0.0  # level: 0 for a perfect arm, 1 for one as bad as the measured one
 
 
@@ -50,7 +51,7 @@ class SimulatedArm(SampledSensor[JointState]):
         super().__init__(physics, "arm", options.beat_s)
         self._limits = limits
         self._options = options
-        self._noise = FrameNoise(seed, "arm")
+        self._noise, self._torque_noise = FrameNoise(seed, "arm"), FrameNoise(seed, "arm_torque")
         self._qpos = physics.joint_qpos(limits.joints)
         self._qvel = physics.joint_qvel(limits.joints)
         self._actuators = physics.actuators(limits.joints)
@@ -149,5 +150,5 @@ class SimulatedArm(SampledSensor[JointState]):
             name=self._limits.joints,
             position=position + noise[0],
             velocity=velocity + 10.0 * noise[1],
-            effort=effort,
+            effort=effort + self._options.torque_sigma * self._torque_noise.normal(index, effort.size),
         )

@@ -7,19 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from paper_ride import DESCRIPTION, GRID, SITE, PaperRide
 
-from grape.errors import InvalidInput, StaleData
-from grape.geodesy import geodetic_from_enu
-from grape.localization import EstimatorOptions, GnssConfig, PoseEstimator, WheelConfig
-from grape.mapping import map_of_site, plants_in_scan, predicted_ranges
-from grape.messages import Array, Imu, JointState, LaserScan, NavSatFix
-from grape.mission.catalog import robot_description
-from grape.mission.file import load_mission
+from grape.errors import InvalidInput
+from grape.mapping import plants_in_scan
+from grape.messages import Array, LaserScan
 from grape.mission.laser_place import LaserPlace
 
-SITE = load_mission("dispenser_deployment", ["world.vines_per_row=40"]).site
-GRID = map_of_site(SITE)
-DESCRIPTION = robot_description("husky_jaco2")
 MOUNT = np.array([0.45, 0.0, 0.0])
 ANGLES = np.radians(np.arange(-120.0, 121.0, 2.0))
 SPEED = 0.5
@@ -27,7 +21,7 @@ SLIP = 1.05  # so much more than the robot moves its wheels turn
 START = np.array([2.0, -1.2, 0.0])
 
 
-class Ride:
+class Ride(PaperRide):
     """A robot that drives along the first row; its wheels slip, and GNSS is there for as long as it is told.
 
     Args:
@@ -35,60 +29,24 @@ class Ride:
     """
 
     def __init__(self, gnss_s: float, *, placed: bool = True, apart: float = 0.0) -> None:
-        self.gnss_s, self.apart, self.now = gnss_s, apart, 0.0
-        base = DESCRIPTION.base
-        self.estimator = PoseEstimator(
-            EstimatorOptions(
-                datum=SITE.datum,
-                wheels=WheelConfig(wheel_radius=base.wheel_radius, effective_track=base.effective_track),
-                gnss=GnssConfig(antenna=np.zeros(3)),
-            )
-        )
+        super().__init__(MOUNT, ANGLES, gnss_s)
+        self.apart = apart
+        self.drivers.scans["elsewhere"] = None
         self.events: list[dict[str, Any]] = []
         log: Any = SimpleNamespace(event=lambda kind, **fields: self.events.append({"kind": kind, **fields}))
-        drivers: Any = SimpleNamespace(scans={"front_laser": self, "elsewhere": None})
-        self.place = LaserPlace(GRID, drivers, DESCRIPTION, np.random.default_rng(4), log) if placed else None
+        self.place = LaserPlace(GRID, self.drivers, DESCRIPTION, np.random.default_rng(4), log) if placed else None
+        self.listener = self.place
 
     @property
     def pose(self) -> Array:
         return START + np.array([SPEED * self.now, 0.0, 0.0])
 
-    def latest(self, max_age_s: float | None = None) -> LaserScan:
-        """What the laser sees."""
-        x, y, yaw = self.pose
-        ranges = predicted_ranges(GRID, np.array([[x + self.apart, y, yaw]]) + MOUNT, ANGLES, 20.0)[0]
-        return LaserScan(
-            stamp=self.now, angle_min=float(ANGLES[0]), angle_increment=float(np.radians(2.0)), range_min=0.0,
-            range_max=20.0, ranges=ranges,
-        )  # fmt: skip
+    @property
+    def rolled(self) -> float:
+        return SLIP * SPEED * self.now
 
-    def go(self, until: float) -> float:
-        """Drive on; by how much the estimate is off in the end, m."""
-        radius = DESCRIPTION.base.wheel_radius
-        while self.now < until:
-            self.now = round(self.now + 0.05, 3)
-            angle = np.full(4, SLIP * SPEED * self.now / radius)
-            wheels = JointState(
-                stamp=self.now, name=DESCRIPTION.base.wheel_joints, position=angle, velocity=np.zeros(4),
-                effort=np.zeros(4),
-            )  # fmt: skip
-            imu = Imu(
-                stamp=self.now, orientation=np.array([1.0, 0.0, 0.0, 0.0]), angular_velocity=np.zeros(3),
-                linear_acceleration=np.array([0.0, 0.0, 9.81]),
-            )  # fmt: skip
-            self.estimator.advance(self.now, wheels=(wheels,), imu=(imu,), gnss=self.fixes())
-            if self.place is not None:
-                self.place.update(self.now, self.estimator)
-        return float(np.hypot(*(self.estimator.odometry(self.now).pose[:2, 3] - self.pose[:2])))
-
-    def fixes(self) -> tuple[NavSatFix, ...]:
-        if self.now > self.gnss_s or self.now % 1.0 > 1e-9:
-            return ()
-        latitude, longitude, altitude = geodetic_from_enu(SITE.datum, np.array([[*self.pose[:2], 0.13]]))[0]
-        covariance = np.eye(3) * 1e-4
-        return (
-            NavSatFix(stamp=self.now, latitude=latitude, longitude=longitude, altitude=altitude, covariance=covariance),
-        )
+    def seen_from(self) -> Array:
+        return self.pose + np.array([self.apart, 0.0, 0.0])
 
 
 def test_where_gnss_is_lost_the_map_holds_the_estimate() -> None:
@@ -113,11 +71,7 @@ def test_without_a_pose_or_a_scan_nothing_happens() -> None:
     ride.place.update(0.0, ride.estimator)
     assert ride.place.pose is None
     ride.go(3.0)
-
-    def silent(max_age_s: float | None = None) -> LaserScan:
-        raise StaleData("nothing for a while")
-
-    ride.latest = silent
+    ride.silent = True
     before = ride.place.pose.copy()
     ride.go(6.0)
     np.testing.assert_array_equal(ride.place.pose, before)

@@ -19,7 +19,7 @@ UPRIGHT = HangTarget(plant="v0", kind="spur", tip=PLACE, direction=np.array([0.0
 
 
 def gap(target: HangTarget) -> float:
-    return nail_gap(DESCRIPTION.gripper, ROBOT.hand, target)
+    return nail_gap(ROBOT, target)
 
 
 def leaning(direction: tuple[float, float, float]) -> HangTarget:
