@@ -27,6 +27,10 @@ class FingersStuck(ActionFailed):
     """Fingers that were to move along with the hand do not: where the hand goes to is meant for others."""
 
 
+class HandPressed(ActionFailed):
+    """The hand presses on something harder than it may on this path."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class HandPathOptions:
     """How closely the hand must follow.
@@ -36,6 +40,7 @@ class HandPathOptions:
         tolerance_m, tolerance_rad: largest error on the way before the motion is given up.
         settle_s: time to come to rest at the end.
         calibrated: the path is meant for `calibrated_joints`.
+        felt_max: share of the torques that the arm's guard allows, from which the path is given up; see `World.felt`.
         legs: s, the times at which straight parts of the path end, rising; on each the distance to its end must shrink.
     """
 
@@ -44,6 +49,7 @@ class HandPathOptions:
     tolerance_rad: float = 0.25
     settle_s: float = 0.2
     calibrated: bool = False
+    felt_max: float = np.inf
     legs: tuple[float, ...] = ()
 
 
@@ -108,6 +114,7 @@ def follow_hand_path(
     Raises:
         ActionFailed: TRACKING_ERROR when the hand falls behind by more than the tolerance, or cannot go on;
             DISTANCE_GROWS when it moves away from the end of a leg; CABLE_BUDGET when it winds a cable too far.
+        HandPressed: CONTACT, when more than `felt_max` is felt.
         FingersStuck: the fingers fall behind, by what they tell; fingers that tell nothing are believed.
     """
     options = options or HandPathOptions()
@@ -134,6 +141,9 @@ def follow_hand_path(
         command = solver.solve(q, pose_error(T_next, T_now) / BEAT_S + options.gain * error)
         scale = command.scale
         arm.send(command.velocity)
+        if ctx.world.felt > options.felt_max:
+            told = f"{status}: the arm feels {ctx.world.felt:.2f} of what it may elsewhere, allowed are"
+            raise HandPressed(Reason.CONTACT, f"{told} {options.felt_max:g}")
         if gripper is not None and fingers_at is not None:
             _check_fingers(ctx, fingers_at(t), fingers_at(0.0) != fingers_at(duration_s), status)
             gripper.send(fingers_at(min(t + BEAT_S, duration_s)))

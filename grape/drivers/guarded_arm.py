@@ -58,6 +58,7 @@ class GuardedArm:
         gravity: (3,) m/s^2 in the arm's base frame, now.
         on_touch: told about each touch when it begins.
         may_touch: whether the hand works by contact now, so that touches are let be.
+        on_feel: told with each command what is felt, as a share of what may be, of the joint that feels most.
     """
 
     def __init__(
@@ -69,9 +70,10 @@ class GuardedArm:
         options: TouchOptions,
         on_touch: Callable[[Touch], None] = lambda touch: None,
         may_touch: Callable[[], bool] = lambda: False,
+        on_feel: Callable[[float], None] = lambda share: None,
     ) -> None:
         self._arm, self._clock, self._observer, self._gravity = arm, clock, observer, gravity
-        self._options, self._on_touch, self._may_touch = options, on_touch, may_touch
+        self._options, self._on_touch, self._may_touch, self._on_feel = options, on_touch, may_touch, on_feel
         self._came: deque[JointState] = deque()  # of the last `back_s`
         self._touch: Touch | None = None
         self._since = 0.0
@@ -84,6 +86,7 @@ class GuardedArm:
             ActionFailed: CONTACT, once the arm has let go of what it touched.
         """
         torques = self._feel()
+        self._on_feel(float((np.abs(torques) / self._options.torque_max).max()))
         if self._touch is None:
             self._touch = self._judge(torques, velocity)
             if self._touch is None:

@@ -76,6 +76,9 @@ def _guarded_arm(arm: ArmDriver, robot: Robot, world: World, clock: Clock, log: 
     def tell(felt: Touch) -> None:
         log.event("arm_contact", joint=felt.joint, torques=felt.torques)
 
+    def feel(share: float) -> None:
+        world.felt = share
+
     return GuardedArm(
         arm,
         clock,
@@ -84,4 +87,5 @@ def _guarded_arm(arm: ArmDriver, robot: Robot, world: World, clock: Clock, log: 
         TouchOptions(torque_max=touch.torque_max, velocity_max=limits.set_point_max),
         tell,
         lambda: world.touching,
+        feel,
     )

@@ -139,9 +139,13 @@ def test_work_by_contact_is_let_be_until_it_is_over():
     arm, touches = PaperArm(wall(1, DESCRIPTION.arm.poses["home"][1] + 0.02)), []
     options = TouchOptions(torque_max=LIMIT, velocity_max=DESCRIPTION.arm.set_point_max)
     works = [True]
-    observer = ContactObserver(ARM, INERTIA, FRICTION)
-    guarded = GuardedArm(arm, arm, observer, lambda: np.array(GRAVITY), options, touches.append, lambda: works[0])
+    observer, shares = ContactObserver(ARM, INERTIA, FRICTION), []
+    guarded = GuardedArm(
+        arm, arm, observer, lambda: np.array(GRAVITY), options, touches.append, lambda: works[0], shares.append
+    )
     assert drive(arm, guarded, 0.05 * JOINT_2, 60) == 60 and not touches
+    assert max(shares[:30]) < 0.1
+    assert shares[-1] == pytest.approx(np.abs(observer.torques / LIMIT).max()) and shares[-1] > 1.0
     works[0] = False
     assert drive(arm, guarded, 0.05 * JOINT_2, 60) < 60 and touches
 

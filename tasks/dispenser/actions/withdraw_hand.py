@@ -86,7 +86,7 @@ def _recall_stop(ctx: Context) -> None:
         ctx.world.committed[JOINT_OFFSETS] = np.array(offsets)
 
 
-def _finger_angle(ctx: Context) -> tuple[float, float]:
+def finger_angle(ctx: Context) -> tuple[float, float]:
     """rad, and 0 (closed) to 1 (open)."""
     gripper = ctx.robot.description.gripper
     angle = gripper.closed_angle if ctx.world.gripper is None else float(ctx.world.gripper.position[1:].mean())
@@ -99,7 +99,7 @@ def _out_of_feeder(
     """Straight up; a loop that is open but has not left its tray is let go before, one that has is dragged out."""
     robot, feeder, way = ctx.robot, ctx.robot.description.feeder, GraspDispenserGoal(level=level)
     top = (feeder.levels - 1 - level) * feeder.pitch + way.clear_m
-    angle, opened = _finger_angle(ctx)
+    angle, opened = finger_angle(ctx)
     offset = _nails(ctx, angle)[:3, 3] - feeder.T_base_link_level(level)[:3, 3]
     if np.hypot(*offset[:2]) > NEAR_FEEDER_M or offset[2] > top - 0.01:
         return
@@ -115,7 +115,7 @@ def complete_release(
     goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, target: HangTarget
 ) -> Generator[Feedback, None, None]:
     """Close the fingers where they are and back off along them, as far as that was not done yet."""
-    _, opened = _finger_angle(ctx)
+    _, opened = finger_angle(ctx)
     T = ctx.robot.hand_pose(ctx.world.joints())
     if opened > 0.05:
         yield from _close(goal, ctx, arm, fingers, T[:3, :3])
@@ -146,7 +146,7 @@ def _close(
 ) -> Generator[Feedback, None, None]:
     """Close the fingers while the nails stay where they are and the hand turns to `R_base_hand` (3, 3)."""
     robot, gripper = ctx.robot, ctx.robot.description.gripper
-    angle, opened = _finger_angle(ctx)
+    angle, opened = finger_angle(ctx)
     T_first = _nails(ctx, angle)
     T_last = pose(R_base_hand @ robot.hand.T_hand_nails(gripper.closed_angle)[:3, :3], T_first[:3, 3])
     duration = max(0.3, goal.close_s * opened)

@@ -256,6 +256,46 @@ def test_fingers_that_do_not_close_keep_the_dispenser_and_take_it_back(
     assert last is not None and (last.name, last.outcome) == ("release", "failed")
 
 
+@pytest.mark.parametrize("kind", ["nail", "spur"])
+def test_nails_that_press_open_again_and_take_the_dispenser_back_over_the_tip(
+    bench: Bench, task: SimpleNamespace, kind: str
+) -> None:
+    target = before_a_nail(bench, task)
+    target = target if kind == "nail" else replace(target, kind="spur")
+    task.at_target(bench, target)
+    begin, seen = (bench.hand @ nails(bench))[:3, 3], []
+    with pytest.raises(ActionFailed) as failed:
+        for feedback in hang_dispenser(HangDispenserGoal(target=target), bench.ctx):
+            bench.advance()
+            angle = float(bench.fingers.angles[1])
+            bench.world.felt = 0.5 if angle > 0.8 else 0.2
+            seen.append((feedback.status.split()[0], angle, (bench.hand @ nails(bench, angle))[:3, 3] - begin))
+    assert failed.value.reason is Reason.CONTACT and "0.50 of what it may" in failed.value.detail
+    assert [s for k, (s, *_) in enumerate(seen) if k == 0 or seen[k - 1][0] != s] == ["closing", "opening", "leaving"]
+    assert max(angle for _, angle, _ in seen) < 0.87, "no farther than where they press"
+    assert max(np.linalg.norm(shift) for status, _, shift in seen if status != "leaving") < 0.003, "nails in place"
+    assert bench.fingers.angles[1:] == pytest.approx(GRIPPER.open_angle, abs=0.02)
+    assert seen[-1][2] == pytest.approx(0.11 * target.approach, abs=0.005), "back over the tip, the way it came"
+    assert bench.ledger.account()["on_hand"] == 1 and bench.ledger.dispensers()["n0"] == 0
+
+
+@pytest.mark.parametrize(("lean", "closing_s"), [(-0.3, 2.0), (0.25, 5.0)])
+def test_fingers_close_slowly_where_nails_come_near_the_wood_of_a_spur(
+    bench: Bench, task: SimpleNamespace, lean: float, closing_s: float
+) -> None:
+    nail = before_a_nail(bench, task)
+    direction = np.array([0.0, lean, 1.0]) / np.hypot(lean, 1.0)  # y points away from the robot
+    target = replace(nail, kind="spur", direction=direction, pitch=np.radians(65.0))
+    task.at_target(bench, target)
+    start, closed = bench.now(), None
+    for feedback in hang_dispenser(HangDispenserGoal(target=target), bench.ctx):
+        if feedback.status.startswith("released") and closed is None:
+            closed = bench.now()
+        bench.advance()
+    assert closed is not None, bench.log.events
+    assert closed - start == pytest.approx(closing_s + 0.2, abs=0.05)
+
+
 def test_fingers_that_tell_nothing_do_not_hinder_a_release(
     bench: Bench, task: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
