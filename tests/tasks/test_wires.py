@@ -40,6 +40,15 @@ def test_wires_are_found_where_they_are_and_wood_is_not_one() -> None:
         assert np.linalg.norm(a - true_a) < 0.02 and np.linalg.norm(b - true_b) < 0.02
 
 
+@pytest.mark.parametrize("rise", [-0.2, -0.08, 0.1])
+def test_wires_are_found_from_a_robot_that_stands_on_a_bump(rise: float) -> None:
+    wires = [(a, b + np.array([0.0, 0.0, 0.7 * rise])) for a, b in WIRES]
+    found = sorted(find_wires(scene(np.random.default_rng(5), wires)), key=lambda ends: ends[0][2])
+    assert len(found) == 2
+    for (a, b), (true_a, true_b) in zip(found, wires, strict=True):
+        assert np.linalg.norm(a - true_a) < 0.02 and np.linalg.norm(b - true_b) < 0.02
+
+
 def test_they_go_on_beyond_both_ends() -> None:
     found = find_wires(scene(np.random.default_rng(2), WIRES[:1]))
     beyond = going_on(found, reach=0.5)

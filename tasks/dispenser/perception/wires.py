@@ -16,7 +16,8 @@ class WireOptions:
     """What counts as a wire. Lengths in m, angles in rad.
 
     Args:
-        tilt, step: how far its direction may be off the row's, and in which steps that is tried.
+        yaw, pitch, step: how far its direction may be off the scan's to a side and upwards (it keeps to its posts, the
+            robot to the bumps under its wheels), and in which steps that is tried.
         cell: width of the cells across it in which its points are gathered.
         bin: length of the pieces along it, of which `covered` (share) must have a point.
         shortest: length of the scan along the row, below which nothing is told.
@@ -25,7 +26,8 @@ class WireOptions:
         most: wires that are looked for.
     """
 
-    tilt: float = float(np.radians(3.0))
+    yaw: float = float(np.radians(3.0))
+    pitch: float = float(np.radians(12.0))
     step: float = float(np.radians(1.0))
     cell: float = 0.025
     bin: float = 0.05
@@ -98,16 +100,16 @@ def _best(points: Array, low: float, high: float, options: WireOptions) -> tuple
         return None
     middle = np.array([0.5 * (low + high), 0.0, 0.0])
     piece = np.minimum(((inside[:, 0] - low) / (high - low) * bins).astype(int), bins - 1)
-    tilts = np.arange(-options.tilt, options.tilt + 1e-9, options.step)
-    best, most = None, options.covered * bins - 1e-9
-    for yaw in np.tan(tilts):
-        for pitch in np.tan(tilts):
+    yaws, pitches = (np.arange(-most, most + 1e-9, options.step) for most in (options.yaw, options.pitch))
+    best, covered = None, options.covered * bins - 1e-9
+    for yaw in np.tan(yaws):
+        for pitch in np.tan(pitches):
             across = inside[:, 1:] - (inside[:, :1] - middle[0]) * [yaw, pitch]
             cells = np.floor(across / options.cell).astype(int)
             names, which = np.unique(cells @ [1 << 20, 1], return_inverse=True)
             pieces = np.bincount(np.unique(which * bins + piece) // bins, minlength=len(names))
-            if pieces.max() > most:
-                most, k = pieces.max(), int(pieces.argmax())
+            if pieces.max() > covered:
+                covered, k = pieces.max(), int(pieces.argmax())
                 best = inside[which == k]
     if best is None:
         return None
