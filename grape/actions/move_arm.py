@@ -21,6 +21,7 @@ from grape.planning import Ball, CheckerOptions, StateChecker, StaticBox
 from grape.trajectory import TimingOptions, Trajectory, time_path
 
 TIMING = TimingOptions(speed=0.95, acceleration=0.8)
+UNSURE = CheckerOptions(padding_m=0.02, self_padding_m=0.005)  # hands of such arms come out 15 to 38 mm off
 PATIENCE_S = 2.0  # with an arm that tells no joint angles
 TRACKING = TrackingOptions(gain=5.0, error_max_rad=0.12, rest_s=0.1, settle_s=3.0)
 
@@ -120,8 +121,9 @@ def find_postures(
         holding: whether a dispenser is in the hand at the first pose; None asks the ledger.
     """
     robot = ctx.robot
-    checker = checker_for(ctx, holding=holding)
-    on_line = checker_for(ctx, carve=touch, without=touch_boxes, holding=False)
+    margins = planning_margins(ctx)
+    checker = checker_for(ctx, holding=holding, options=margins)
+    on_line = checker_for(ctx, carve=touch, without=touch_boxes, holding=False, options=margins)
     start = ctx.world.joints()
     steps = densely([robot.in_arm_base(T) for T in line])
     found: list[tuple[float, Array]] = []
@@ -144,6 +146,11 @@ def _within_cables(robot: Robot, path: Array, start: Array) -> Array | None:
     lower, upper = robot.planner.bounds(robot.description.arm.unwound)
     ahead = path - path[0]
     return robot.planner.nearest_turn(path[0], start, lower - ahead.min(axis=0), upper - ahead.max(axis=0))
+
+
+def planning_margins(ctx: Context) -> CheckerOptions:
+    """What planned motions keep from things and between links: more, as long as the arm's zeros are not known."""
+    return UNSURE if ctx.world.encoder_offsets is None else CheckerOptions()
 
 
 def checker_for(
@@ -200,7 +207,7 @@ def move_to_joints(
     start = yield from known_joints(ctx)
     if len(goals) == 1 and np.abs(goals[0] - start).max() < 0.01:
         return 0
-    checker = checker_for(ctx)
+    checker = checker_for(ctx, options=planning_margins(ctx))
     path = yield from ctx.jobs.run(
         ctx.robot.planner.plan, start, goals, checker, ctx.rng, cable_reference=limits.unwound, absolute=absolute
     )

@@ -10,7 +10,7 @@ import numpy as np
 
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.hand_path import HandPathOptions, follow_hand_path, straight
-from grape.actions.move_arm import checker_for, densely, known_joints, move_to_joints
+from grape.actions.move_arm import checker_for, densely, known_joints, move_to_joints, planning_margins
 from grape.drivers import ArmDriver
 from grape.geometry import pose
 from grape.kinematics import inverse_path
@@ -46,7 +46,7 @@ def back_off(ctx: Context, arm: ArmDriver, distance_m: float = 0.10) -> Generato
         ActionFailed: TRACKING_ERROR or STALE_DATA.
     """
     for _ in range(3):
-        checker = checker_for(ctx)
+        checker = checker_for(ctx, options=planning_margins(ctx))
         q = yield from known_joints(ctx)
         if checker.is_valid(q):
             return

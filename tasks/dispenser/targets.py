@@ -24,6 +24,7 @@ AIM_DEPTH_M = 0.030  # how far the loop is pushed over the tip
 TOUCH_RADIUS_M, TOUCH_BEYOND_M, TOUCH_DOWN_M = 0.04, 0.015, 0.06
 TOUCH_UNSURE_M = 0.12  # around the tip, where the arm's zeros are not known and the cloud is that far off
 SPURS = "spurs"  # in the ledger: what was found from this stop, whether or not the arm reaches it
+FELT_MAX = 0.3  # of what an arm may feel elsewhere; of its own friction it feels 0.22, of nails that press by 8 N 0.4
 RETREAT_M = 0.14  # straight back along the fingers after letting go
 
 

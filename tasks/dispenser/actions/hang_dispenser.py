@@ -24,12 +24,8 @@ from grape.errors import ActionFailed
 from grape.geometry import inverse, pose
 from grape.messages import Array
 from grape.tasks.dispenser.actions.withdraw_hand import CLEAR_M, WithdrawHandGoal, complete_release, finger_angle
-from grape.tasks.dispenser.targets import AIM_DEPTH_M, RETREAT_M, HangTarget
+from grape.tasks.dispenser.targets import AIM_DEPTH_M, FELT_MAX, RETREAT_M, HangTarget
 from grape.tasks.dispenser.ways import GAP_M, nail_gap
-
-FELT_MAX = (
-    0.3  # of what the arm may feel elsewhere; it feels 0.22 of its own friction, and nails that press by 8 N as 0.4
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +35,8 @@ class HangDispenserGoal:
     Attributes:
         target: where the loop is over, as servoed.
         close_s: time to close the fingers while the nails stay in place.
-        careful_s: the same where they come near the wood of a spur: what they meet is felt before they press on it.
+        careful_s: the same where they come near the wood of a spur, or may, as the arm's zeros are not known: what they
+            meet is felt before they press on it.
         retreat_m: straight back along the fingers.
         retreat_s: its duration.
     """
@@ -101,10 +98,11 @@ def _release(
     goal: HangDispenserGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, T_base_nails: Array
 ) -> Generator[Feedback, None, None]:
     hand, gripper = ctx.robot.hand, ctx.robot.description.gripper
-    near = goal.target.kind == "spur" and nail_gap(ctx.robot, goal.target) < GAP_M
+    sure = ctx.world.encoder_offsets is not None and nail_gap(ctx.robot, goal.target) >= GAP_M
+    careful = goal.target.kind == "spur" and not sure
     yield from _move_fingers(
         ctx, arm, fingers, T_base_nails, (gripper.open_angle, gripper.closed_angle),
-        goal.careful_s if near else goal.close_s, "closing the fingers",
+        goal.careful_s if careful else goal.close_s, "closing the fingers",
         HandPathOptions(calibrated=True, felt_max=FELT_MAX),
     )  # fmt: skip
     T_closed = T_base_nails @ inverse(hand.T_hand_nails(gripper.closed_angle))

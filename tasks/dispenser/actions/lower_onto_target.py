@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.hand_path import follow_hand_path, straight
-from grape.tasks.dispenser.targets import HangTarget
+from grape.actions.hand_path import HandPathOptions, HandPressed, follow_hand_path, straight
+from grape.actions.servoing import go_straight
+from grape.tasks.dispenser.targets import FELT_MAX, HangTarget
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,14 +30,22 @@ class LowerOntoTargetResult:
 
 @action("LowerOntoTarget")
 def lower_onto_target(goal: LowerOntoTargetGoal, ctx: Context) -> Generator[Feedback, None, LowerOntoTargetResult]:
-    """Moves straight from the stand-off to the deployment pose, open loop: it is as good as cloud and arm are."""
+    """Moves straight from the stand-off to the deployment pose, open loop: it is as good as cloud and arm are.
+
+    What the arm feels to touch on its way it leaves the way it came; that fails with CONTACT.
+    """
     robot = ctx.robot
     T_hand_nails = robot.hand.T_hand_nails(robot.description.gripper.open_angle)
     step = ctx.ledger.step("place", goal.target.plant, target=goal.target.as_record())
     with step, ctx.arm.lease("LowerOntoTarget") as arm:
         T_start, T_end = robot.hand_pose(ctx.world.joints()), goal.target.hand_pose(T_hand_nails)
         duration = float(np.linalg.norm(T_end[:3, 3] - T_start[:3, 3])) / goal.speed
-        yield from follow_hand_path(
-            ctx, arm, straight(T_start, T_end, duration), duration, status="lowering onto the target"
-        )
+        try:
+            yield from follow_hand_path(
+                ctx, arm, straight(T_start, T_end, duration), duration, status="lowering onto the target",
+                options=HandPathOptions(felt_max=FELT_MAX),
+            )  # fmt: skip
+        except HandPressed:
+            yield from go_straight(ctx, arm, T_start, status="leaving what was touched")
+            raise
     return LowerOntoTargetResult(reached=goal.target)

@@ -201,6 +201,20 @@ def test_hand_is_lowered_straight_onto_a_spur_without_looking(
     assert result.reached is target and bench.ctx.arm.owner is None
 
 
+def test_a_hand_that_touches_while_it_is_lowered_goes_back(bench: Bench, task: SimpleNamespace) -> None:
+    target = task.spur_target(bench)
+    task.at_target(bench, target, 0.10)
+    begin, lowest = bench.hand, 0.10
+    with pytest.raises(ActionFailed) as failed:
+        for _ in lower_onto_target(LowerOntoTargetGoal(target=target), bench.ctx):
+            bench.advance()
+            left = 0.10 - float((begin - bench.hand)[:3, 3] @ target.approach)
+            lowest = min(lowest, left)
+            bench.world.felt = 0.4 if left < 0.04 else 0.1
+    assert failed.value.reason is Reason.CONTACT
+    assert lowest > 0.03 and np.linalg.norm(pose_error(begin, bench.hand)) < 0.002, "and no farther"
+
+
 def test_nails_stay_in_place_while_the_fingers_close_then_back_off(bench: Bench, task: SimpleNamespace) -> None:
     target = before_a_nail(bench, task)
     begin, track = (bench.hand @ nails(bench))[:3, 3], []
@@ -279,11 +293,12 @@ def test_nails_that_press_open_again_and_take_the_dispenser_back_over_the_tip(
     assert bench.ledger.account()["on_hand"] == 1 and bench.ledger.dispensers()["n0"] == 0
 
 
-@pytest.mark.parametrize(("lean", "closing_s"), [(-0.3, 2.0), (0.25, 5.0)])
+@pytest.mark.parametrize(("lean", "known", "closing_s"), [(-0.3, True, 2.0), (-0.3, False, 5.0), (0.25, True, 5.0)])
 def test_fingers_close_slowly_where_nails_come_near_the_wood_of_a_spur(
-    bench: Bench, task: SimpleNamespace, lean: float, closing_s: float
+    bench: Bench, task: SimpleNamespace, lean: float, known: bool, closing_s: float
 ) -> None:
     nail = before_a_nail(bench, task)
+    bench.world.encoder_offsets = np.zeros(6) if known else None
     direction = np.array([0.0, lean, 1.0]) / np.hypot(lean, 1.0)  # y points away from the robot
     target = replace(nail, kind="spur", direction=direction, pitch=np.radians(65.0))
     task.at_target(bench, target)
