@@ -11,6 +11,7 @@ from grape.actions.move_arm import (
     PATIENCE_S,
     MoveArmToNamedGoal,
     checker_for,
+    find_postures,
     move_arm_to_named,
     move_to_joints,
     move_to_pose,
@@ -21,7 +22,7 @@ from grape.actions.unwind import UnwindGoal, unwind
 from grape.errors import GoalRejected, Reason, StaleData
 from grape.geometry import interpolate, pose, pose_error, rotation_x, rotation_z, transform
 from grape.kinematics import inverse_path
-from grape.planning import StaticBox
+from grape.planning import CheckerOptions, StaticBox
 from grape.robots.husky_jaco2 import DESCRIPTION
 
 POSES = DESCRIPTION.arm.poses
@@ -105,6 +106,21 @@ def test_hand_is_moved_to_the_first_pose_of_a_line_without_touching_what_was_see
     error = pose_error(nearer, bench.hand)
     assert np.linalg.norm(error[:3]) < 0.01 and np.linalg.norm(error[3:]) < 0.03
     assert all(nearest)
+
+
+@pytest.mark.parametrize(("gap_m", "unsure", "sure"), [(0.016, 0, 1), (0.03, 1, 1), (0.005, 0, 0)])
+def test_an_arm_that_does_not_know_its_zeros_keeps_more_room(
+    bench: Bench, gap_m: float, unsure: int, sure: int
+) -> None:
+    bench.put_hand(AHEAD)
+    wall = np.array([[x, 0.0, z] for x in np.arange(0.0, 1.0, 0.01) for z in np.arange(0.0, 1.2, 0.01)])
+    for y in np.arange(0.70, 0.50, -0.002):  # it comes nearer
+        bench.world.committed[OBSTACLES] = Obstacles(wall + np.array([0.0, y, 0.0]))
+        if not checker_for(bench.ctx, options=CheckerOptions(padding_m=gap_m)).is_valid(bench.world.joints()):
+            break
+    assert min(1, len(find_postures(bench.ctx, (bench.hand,)))) == unsure
+    bench.world.encoder_offsets = np.zeros(6)
+    assert min(1, len(find_postures(bench.ctx, (bench.hand,)))) == sure
 
 
 def test_posture_is_chosen_from_which_the_whole_line_can_be_followed(bench: Bench) -> None:
