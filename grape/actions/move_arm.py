@@ -118,7 +118,7 @@ def find_postures(
         line: hand poses (4, 4) in base_link.
         touch: balls in base_link in which the rest of the line may touch what was seen.
         touch_boxes: names of boxes that it may enter.
-        holding: whether a dispenser is in the hand at the first pose; None asks the ledger.
+        holding: whether a dispenser is in the hand at the first pose; None asks ledger and fingers.
     """
     robot = ctx.robot
     margins = planning_margins(ctx)
@@ -148,6 +148,14 @@ def _within_cables(robot: Robot, path: Array, start: Array) -> Array | None:
     return robot.planner.nearest_turn(path[0], start, lower - ahead.min(axis=0), upper - ahead.max(axis=0))
 
 
+def fingers_spread(ctx: Context) -> bool:
+    """Whether a dispenser is in the hand, or the fingers stand open as if one were."""
+    if ctx.ledger.dispensers().get("hand", 0) > 0:
+        return True
+    told, gripper = ctx.world.gripper, ctx.robot.description.gripper
+    return told is not None and float(told.position[1:].min()) < 0.5 * (gripper.open_angle + gripper.closed_angle)
+
+
 def planning_margins(ctx: Context) -> CheckerOptions:
     """What planned motions keep from things and between links: more, as long as the arm's zeros are not known."""
     return UNSURE if ctx.world.encoder_offsets is None else CheckerOptions()
@@ -167,12 +175,12 @@ def checker_for(
         ctx: for robot, world and ledger;
         carve: balls in base_link in which what was seen may be touched.
         without: names of boxes that do not count.
-        holding: whether a dispenser counts as part of the arm; None asks the ledger. Where it is there to touch the
-            vine it is left out: it is soft.
+        holding: whether a dispenser counts as part of the arm, and fingers as spread; None asks ledger and fingers.
+            Where it is there to touch the vine it is left out: it is soft.
         options: margins.
     """
     if holding is None:
-        holding = ctx.ledger.dispensers().get("hand", 0) > 0
+        holding = fingers_spread(ctx)
     body = ctx.robot.loaded_body if holding else ctx.robot.body
     unseen: tuple[StaticBox, ...] = ctx.world.committed.get(UNSEEN, ())
     if unseen or without:

@@ -73,6 +73,10 @@ def test_with_a_dispenser_the_spread_fingers_count(bench: Bench) -> None:
     assert checker_for(bench.ctx, holding=False).is_valid(q), "closed fingers are away from there"
     loaded = checker_for(bench.ctx, holding=True)
     assert not loaded.is_valid(q) and loaded.nearest(q).link == "finger_3"
+    assert checker_for(bench.ctx).is_valid(q)
+    bench.fingers.angles[1:] = bench.fingers.target[1:] = DESCRIPTION.gripper.open_angle
+    bench.advance()
+    assert not checker_for(bench.ctx).is_valid(q), "nothing is held, and they stand open"
 
 
 def test_arm_that_is_there_already_does_not_move(bench: Bench) -> None:
