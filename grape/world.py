@@ -51,7 +51,7 @@ class World:
     gripper: GripperState | None = None
     driving: Driving | None = None  # while the base drives
     touching: bool = False  # while the hand works by contact: the arm's guard lets touches be
-    felt: float = 0.0  # share of the torques from outside that an arm may feel when nothing is to be touched
+    felt: float = 0.0  # at the arm's last command: torques from outside, as a share of those at which its guard lets go
     committed: dict[str, Any] = field(default_factory=dict)  # results of actions by name, for later actions
 
     def base_pose(self) -> Array:

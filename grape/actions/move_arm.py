@@ -21,7 +21,8 @@ from grape.planning import Ball, CheckerOptions, StateChecker, StaticBox
 from grape.trajectory import TimingOptions, Trajectory, time_path
 
 TIMING = TimingOptions(speed=0.95, acceleration=0.8)
-UNSURE = CheckerOptions(padding_m=0.02, self_padding_m=0.005)  # hands of such arms come out 15 to 38 mm off
+# For an arm that does not know its zeros: its hand comes out 15 to 38 mm off (row G6).
+UNSURE = CheckerOptions(padding_m=0.02, self_padding_m=0.005)
 PATIENCE_S = 2.0  # with an arm that tells no joint angles
 TRACKING = TrackingOptions(gain=5.0, error_max_rad=0.12, rest_s=0.1, settle_s=3.0)
 
