@@ -11,6 +11,7 @@ from grape.tasks.dispenser.actions.check_grasp import account_for_taken
 from grape.tasks.dispenser.actions.finish_plant import FinishPlantGoal, finish_plant
 from grape.tasks.dispenser.actions.holds_dispenser import hangs_there, look_at_hand
 from grape.tasks.dispenser.actions.withdraw_hand import release_pending
+from grape.tasks.dispenser.fingers import finger_angle
 from grape.tasks.dispenser.targets import HangTarget
 
 
@@ -32,8 +33,11 @@ def settle_account(goal: SettleAccountGoal, ctx: Context) -> Generator[Feedback,
     plant = step.plant if step is not None else ""
     hangs = holds = False
     if step is not None and release_pending(ctx, step):
-        hangs = yield from hangs_there(ctx, HangTarget(**step.details["target"]))
-        holds = ctx.ledger.dispensers()["hand"] > 0
+        taken_back = places["hand"] > 0 and finger_angle(ctx)[1] > 0.5
+        holds = taken_back and (yield from look_at_hand(ctx, goal.frames)).value
+        if not holds:
+            hangs = yield from hangs_there(ctx, HangTarget(**step.details["target"]))
+            holds = ctx.ledger.dispensers()["hand"] > 0
     elif places["hand"] or (step is not None and step.name in ("insert", "grasp")):
         holds = (yield from look_at_hand(ctx, goal.frames)).value
         if holds and not places["hand"]:

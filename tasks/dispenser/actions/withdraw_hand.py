@@ -9,18 +9,27 @@ import numpy as np
 
 from grape.actions.calibration import recall_offsets
 from grape.actions.core import Context, Feedback, NoResult, Step, action
-from grape.actions.hand_path import JOINT_OFFSETS, HandPathOptions, follow_hand_path, smooth_step, straight
+from grape.actions.hand_path import (
+    JOINT_OFFSETS,
+    HandPathOptions,
+    HandPressed,
+    calibrated_joints,
+    follow_hand_path,
+    straight,
+)
 from grape.actions.obstacles import OBSTACLES, Obstacles
 from grape.actions.servoing import leave
 from grape.actions.touching import touching
 from grape.drivers import ArmDriver, GripperDriver
-from grape.geometry import interpolate, inverse, pose
+from grape.errors import ActionFailed
+from grape.geometry import pose
 from grape.messages import Array
 from grape.tasks.dispenser.actions.drive_to_plant import PARKED, STANDING
 from grape.tasks.dispenser.actions.grasp_dispenser import GraspDispenserGoal
 from grape.tasks.dispenser.feeder import hand_at_feeder
+from grape.tasks.dispenser.fingers import CAREFUL_S, CLOSE_S, finger_angle, turn_fingers
 from grape.tasks.dispenser.row import expect_row
-from grape.tasks.dispenser.targets import AIM_DEPTH_M, RETREAT_M, HangTarget, hang_line
+from grape.tasks.dispenser.targets import AIM_DEPTH_M, FELT_MAX, RETREAT_M, HangTarget, hang_line
 
 NEAR_FEEDER_M = 0.08  # beside the loop's place: farther away the hand is not in the feeder
 RISEN_M = 0.003  # a loop that is higher has left its tray
@@ -34,10 +43,12 @@ class WithdrawHandGoal:
 
     Attributes:
         close_s: time to close fully opened fingers.
+        careful_s: the same beside a spur.
         speed: m/s, mean, of the hand on its way out.
     """
 
-    close_s: float = 2.0
+    close_s: float = CLOSE_S
+    careful_s: float = CAREFUL_S
     speed: float = 0.06
 
 
@@ -45,7 +56,8 @@ class WithdrawHandGoal:
 def withdraw_hand(goal: WithdrawHandGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
     """Backs out of feeder or plant the way the hand went in, by the last step of the ledger and the arm's own joints.
 
-    A release that was begun is completed. What was known of this stop (place, obstacles, joint offsets) is known again.
+    A release that was begun is completed; where nails press on something it is taken back with its dispenser. What was
+    known of this stop (place, obstacles, joint offsets) is known again.
     """
     _recall_stop(ctx)
     yield Feedback(status="finding out where the hand is")
@@ -56,7 +68,7 @@ def withdraw_hand(goal: WithdrawHandGoal, ctx: Context) -> Generator[Feedback, N
         if step.name in ("insert", "grasp"):
             yield from _out_of_feeder(goal, ctx, arm, fingers, int(step.details["level"]))
         elif release_pending(ctx, step):
-            yield from complete_release(goal, ctx, arm, fingers, HangTarget(**step.details["target"]))
+            yield from _complete_or_take_back(goal, ctx, arm, fingers, HangTarget(**step.details["target"]))
         elif step.name == "place" or (step.name == "release" and step.outcome == "failed"):
             yield from _off_the_tip(ctx, arm, HangTarget(**step.details["target"]))
     return NoResult()
@@ -86,13 +98,6 @@ def _recall_stop(ctx: Context) -> None:
         ctx.world.committed[JOINT_OFFSETS] = np.array(offsets)
 
 
-def finger_angle(ctx: Context) -> tuple[float, float]:
-    """rad, and 0 (closed) to 1 (open)."""
-    gripper = ctx.robot.description.gripper
-    angle = gripper.closed_angle if ctx.world.gripper is None else float(ctx.world.gripper.position[1:].mean())
-    return angle, (angle - gripper.closed_angle) / (gripper.open_angle - gripper.closed_angle)
-
-
 def _out_of_feeder(
     goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, level: int
 ) -> Generator[Feedback, None, None]:
@@ -105,7 +110,7 @@ def _out_of_feeder(
         return
     if opened > 0.1 and offset[2] < RISEN_M:
         down = hand_at_feeder(robot, level, 0.0)
-        yield from _close(goal, ctx, arm, fingers, down[:3, :3])
+        yield from _close(ctx, arm, fingers, down[:3, :3], goal.close_s)
     elif opened > 0.1 and offset[2] < way.rise_m + 0.02:
         yield from _go(goal, ctx, arm, np.array([min(0.0, -way.drag_m - offset[0]), 0.0, 0.0]))
     yield from _go(goal, ctx, arm, np.array([0.0, 0.0, max(0.0, top - offset[2])]))
@@ -114,17 +119,56 @@ def _out_of_feeder(
 def complete_release(
     goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, target: HangTarget
 ) -> Generator[Feedback, None, None]:
-    """Close the fingers where they are and back off along them, as far as that was not done yet."""
+    """Close the fingers where they are and back off along them, as far as that was not done yet.
+
+    Raises:
+        HandPressed: the arm feels that nails press on something while they close.
+    """
     _, opened = finger_angle(ctx)
     T = ctx.robot.hand_pose(ctx.world.joints())
     if opened > 0.05:
-        yield from _close(goal, ctx, arm, fingers, T[:3, :3])
+        close_s = goal.careful_s if target.kind == "spur" else goal.close_s
+        yield from _close(ctx, arm, fingers, T[:3, :3], close_s, HandPathOptions(felt_max=FELT_MAX))
         T = ctx.robot.hand_pose(ctx.world.joints())
     away = T[:3, 3] - hang_line(ctx.robot, target, 0.1)[2][:3, 3]
     if np.linalg.norm(away) > NEAR_TARGET_M:
         return
     gone = float(away @ T[:3, 2])
     yield from _go(goal, ctx, arm, T[:3, 2] * (RETREAT_M - min(max(gone, 0.0), RETREAT_M)))
+
+
+def _complete_or_take_back(
+    goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, target: HangTarget
+) -> Generator[Feedback, None, None]:
+    T_base_nails = ctx.robot.hand_pose(calibrated_joints(ctx)) @ ctx.robot.hand.T_hand_nails(finger_angle(ctx)[0])
+    try:
+        yield from complete_release(goal, ctx, arm, fingers, target)
+    except HandPressed as pressed:
+        ctx.log.event("release_hindered", reason=str(pressed.reason), detail=pressed.detail)
+        yield from take_back(ctx, arm, fingers, target, T_base_nails)
+
+
+def take_back(
+    ctx: Context, arm: ArmDriver, fingers: GripperDriver, target: HangTarget, T_base_nails: Array
+) -> Generator[Feedback, None, None]:
+    """Opens the fingers again and brings hand and dispenser back over the tip, the way they came.
+
+    Args:
+        ctx: context.
+        arm, fingers: leased.
+        target: where the loop is over.
+        T_base_nails: (4, 4), where the nails stay while they open, by the calibrated joints.
+    """
+    open_angle = ctx.robot.description.gripper.open_angle
+    angle, opened = finger_angle(ctx)
+    try:
+        yield from turn_fingers(
+            ctx, arm, fingers, (T_base_nails, T_base_nails), (angle, open_angle), max(0.3, CLOSE_S * (1.0 - opened)),
+            status="opening the fingers again", options=HandPathOptions(calibrated=True),
+        )  # fmt: skip
+    except ActionFailed as failed:
+        ctx.log.event("release_hindered", reason=str(failed.reason), detail=failed.detail)
+    yield from leave(ctx, arm, target.approach, CLEAR_M + AIM_DEPTH_M)
 
 
 def _off_the_tip(ctx: Context, arm: ArmDriver, target: HangTarget) -> Generator[Feedback, None, None]:
@@ -142,25 +186,21 @@ def _nails(ctx: Context, angle: float) -> Array:
 
 
 def _close(
-    goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, R_base_hand: Array
+    ctx: Context,
+    arm: ArmDriver,
+    fingers: GripperDriver,
+    R_base_hand: Array,
+    close_s: float,
+    options: HandPathOptions | None = None,
 ) -> Generator[Feedback, None, None]:
     """Close the fingers while the nails stay where they are and the hand turns to `R_base_hand` (3, 3)."""
     robot, gripper = ctx.robot, ctx.robot.description.gripper
     angle, opened = finger_angle(ctx)
     T_first = _nails(ctx, angle)
     T_last = pose(R_base_hand @ robot.hand.T_hand_nails(gripper.closed_angle)[:3, :3], T_first[:3, 3])
-    duration = max(0.3, goal.close_s * opened)
-
-    def angle_at(t: float) -> float:
-        return angle + smooth_step(t / duration) * (gripper.closed_angle - angle)
-
-    def hand_at(t: float) -> Array:
-        T_base_nails = interpolate(T_first, T_last, smooth_step(t / duration))
-        return np.asarray(T_base_nails @ inverse(robot.hand.T_hand_nails(angle_at(t))))
-
-    yield from follow_hand_path(
-        ctx, arm, hand_at, duration, status="closing the fingers", gripper=fingers,
-        fingers_at=lambda t: np.array([gripper.thumb_clear, angle_at(t), angle_at(t)]),
+    yield from turn_fingers(
+        ctx, arm, fingers, (T_first, T_last), (angle, gripper.closed_angle), max(0.3, close_s * opened),
+        status="closing the fingers", options=options,
     )  # fmt: skip
 
 

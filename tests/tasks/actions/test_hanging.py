@@ -293,14 +293,11 @@ def test_nails_that_press_open_again_and_take_the_dispenser_back_over_the_tip(
     assert bench.ledger.account()["on_hand"] == 1 and bench.ledger.dispensers()["n0"] == 0
 
 
-@pytest.mark.parametrize(("lean", "known", "closing_s"), [(-0.3, True, 2.0), (-0.3, False, 5.0), (0.25, True, 5.0)])
-def test_fingers_close_slowly_where_nails_come_near_the_wood_of_a_spur(
-    bench: Bench, task: SimpleNamespace, lean: float, known: bool, closing_s: float
+@pytest.mark.parametrize(("kind", "closing_s"), [("nail", 2.0), ("spur", 5.0)])
+def test_fingers_close_slowly_beside_the_wood_of_a_spur(
+    bench: Bench, task: SimpleNamespace, kind: str, closing_s: float
 ) -> None:
-    nail = before_a_nail(bench, task)
-    bench.world.encoder_offsets = np.zeros(6) if known else None
-    direction = np.array([0.0, lean, 1.0]) / np.hypot(lean, 1.0)  # y points away from the robot
-    target = replace(nail, kind="spur", direction=direction, pitch=np.radians(65.0))
+    target = replace(before_a_nail(bench, task), kind=kind)
     task.at_target(bench, target)
     start, closed = bench.now(), None
     for feedback in hang_dispenser(HangDispenserGoal(target=target), bench.ctx):

@@ -128,6 +128,25 @@ def test_a_release_that_was_cut_off_is_completed_and_the_plant_finished(
     assert bench.hand[:3, 3] == pytest.approx(place[:3, 3], abs=1e-3), "a finished plant is left alone"
 
 
+def test_a_release_that_was_cut_off_and_presses_is_taken_back_with_its_dispenser(
+    bench: Bench, task: SimpleNamespace
+) -> None:
+    target = nail_in_hand(bench, task)
+    cut_off(bench, hang_dispenser(HangDispenserGoal(target=target), bench.ctx), 0.9)
+    narrowest = 1.0
+    for _ in withdraw_hand(WithdrawHandGoal(), bench.ctx):
+        bench.advance()
+        narrowest = min(narrowest, fingers_open(bench))
+        bench.world.felt = 0.4 if fingers_open(bench) < 0.5 else 0.1
+    assert 0.4 < narrowest < 0.5 and fingers_open(bench) > 0.95
+    final = target.hand_pose(bench.robot.hand.T_hand_nails(GRIPPER.open_angle))
+    away = (bench.hand[:3, 3] - final[:3, 3]) @ target.approach
+    assert away == pytest.approx(CLEAR_M + AIM_DEPTH_M, abs=0.01), "back over the tip, the way it came"
+    bench.scene.held = True
+    settle(bench)
+    assert bench.ledger.account()["on_hand"] == 1 and bench.ledger.account()["deployed"] == 0
+
+
 def test_a_hand_that_has_left_the_plant_for_another_look_stays_where_it_is(bench: Bench, task: SimpleNamespace) -> None:
     target = nail_in_hand(bench, task)
     bench.run(hang_dispenser(HangDispenserGoal(target=target), bench.ctx))
