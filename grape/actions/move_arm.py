@@ -11,7 +11,7 @@ import numpy as np
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
 from grape.actions.robot import Robot
-from grape.control import TrackingOptions, TrajectoryTracker
+from grape.control import DifferentialIkOptions, TrackingOptions, TrajectoryTracker
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, GoalRejected, Reason, with_suggestion
 from grape.geometry import interpolate
@@ -23,6 +23,8 @@ from grape.trajectory import TimingOptions, Trajectory, time_path
 TIMING = TimingOptions(speed=0.95, acceleration=0.8)
 # For an arm that does not know its zeros: its hand comes out 15 to 38 mm off (row G6).
 UNSURE = CheckerOptions(padding_m=0.02, self_padding_m=0.005)
+# A line is followed by differential inverse kinematics, which keep this from joint limits; servoing shifts it a bit.
+LINE_LIMIT_RAD = DifferentialIkOptions().limit_margin_rad + 0.03
 PATIENCE_S = 2.0  # with an arm that tells no joint angles
 TRACKING = TrackingOptions(gain=5.0, error_max_rad=0.12, rest_s=0.1, settle_s=3.0)
 
@@ -71,6 +73,7 @@ def move_to_pose(
     touch: Sequence[Ball] = (),
     touch_boxes: Sequence[str] = (),
     either_end: bool = False,
+    limit_rad: float = LINE_LIMIT_RAD,
 ) -> Generator[Feedback, None, int]:
     """Moves the hand to the first pose of `line`, in an arm posture from which the rest can be followed straight.
 
@@ -81,6 +84,7 @@ def move_to_pose(
         touch: balls in base_link in which the rest of the line may touch what was seen.
         touch_boxes: names of boxes that the rest of the line may enter.
         either_end: the line may also be followed from its last pose; then that one may be moved to.
+        limit_rad: how far from joint limits the whole line must keep.
 
     Returns:
         Index in `line` of the pose that was moved to.
@@ -89,11 +93,11 @@ def move_to_pose(
         ActionFailed: UNREACHABLE, IN_COLLISION, NO_PLAN, CABLE_BUDGET, TRACKING_ERROR or STALE_DATA.
     """
     yield from known_joints(ctx)
-    enter = (tuple(touch), tuple(touch_boxes))
-    candidates = yield from ctx.jobs.run(find_postures, ctx, tuple(line), *enter)
+    rules = (tuple(touch), tuple(touch_boxes), None, limit_rad)
+    candidates = yield from ctx.jobs.run(find_postures, ctx, tuple(line), *rules)
     ends = {0: candidates}
     if either_end:
-        backwards = yield from ctx.jobs.run(find_postures, ctx, tuple(reversed(line)), *enter)
+        backwards = yield from ctx.jobs.run(find_postures, ctx, tuple(reversed(line)), *rules)
         ends[len(line) - 1] = backwards
     goals = [(end, posture) for end, postures in ends.items() for posture in postures]
     if not goals:
@@ -109,6 +113,7 @@ def find_postures(
     touch: tuple[Ball, ...] = (),
     touch_boxes: tuple[str, ...] = (),
     holding: bool | None = None,
+    limit_rad: float = LINE_LIMIT_RAD,
 ) -> list[Array]:
     """Joint angles, best first, that put the hand at the first pose of a line and can follow it without collision.
 
@@ -120,6 +125,7 @@ def find_postures(
         touch: balls in base_link in which the rest of the line may touch what was seen.
         touch_boxes: names of boxes that it may enter.
         holding: whether a dispenser is in the hand at the first pose; None asks ledger and fingers.
+        limit_rad: how far from joint limits the whole line must keep.
     """
     robot = ctx.robot
     margins = planning_margins(ctx)
@@ -134,6 +140,8 @@ def find_postures(
             continue
         path = inverse_path(robot.arm, np.array(steps), solution.q) if len(steps) > 1 else np.array([solution.q])
         if path is None or not all(on_line.is_valid(q) for q in path):
+            continue
+        if len(path) > 1 and min(robot.arm.limit_distance(q) for q in path) < limit_rad:
             continue
         worst, turned = min(robot.arm.sigma_min(q) for q in path), _within_cables(robot, path, start)
         if worst > 0.02 and turned is not None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from grape.actions.core import Context, Feedback, action
 from grape.actions.move_arm import move_to_pose
+from grape.actions.obstacles import OBSTACLES, Obstacles
 from grape.actions.retract import back_off
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, Reason
@@ -76,4 +77,5 @@ def _move_above(ctx: Context, arm: ArmDriver, target: HangTarget, stand_off: flo
 def _turned(ctx: Context, target: HangTarget) -> list[HangTarget]:
     """The other orientations of the hand in which the arm can do the whole motion, best first."""
     others = [way for way in orientations(target) if (way.pitch, way.azimuth) != (target.pitch, target.azimuth)]
-    return ways_by_ease(ctx.robot, others)
+    obstacles: Obstacles | None = ctx.world.committed.get(OBSTACLES)
+    return ways_by_ease(ctx.robot, others, None if obstacles is None else obstacles.cloud)

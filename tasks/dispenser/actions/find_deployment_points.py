@@ -90,13 +90,13 @@ def find_deployment_points(
     clear = 0
     for k, spur in enumerate(spurs):
         yield Feedback(status="checking which spurs can be reached", progress=0.5 + 0.5 * k / len(spurs))
-        target = yield from ctx.jobs.run(_reachable, goal, ctx, spur)
+        target = yield from ctx.jobs.run(_reachable, goal, ctx, spur, cloud)
         if target is not None:
             targets.append(target)
-            clear += not is_tight(ctx.robot, target)
+            clear += not is_tight(ctx.robot, target, cloud)
         if clear >= goal.most:
             break
-    targets = tight_last(ctx.robot, targets)[: goal.most]
+    targets = tight_last(ctx.robot, targets, cloud)[: goal.most]
     if not targets:
         raise ActionFailed(Reason.NO_DEPLOYMENT_POINT, f"{len(poses)} spurs found on {goal.plant}, none within reach")
     return FindDeploymentPointsResult(targets=tuple(targets))
@@ -195,9 +195,9 @@ def _target(goal: FindDeploymentPointsGoal, found: DeploymentPose) -> HangTarget
     )
 
 
-def _reachable(goal: FindDeploymentPointsGoal, ctx: Context, spur: HangTarget) -> HangTarget | None:
+def _reachable(goal: FindDeploymentPointsGoal, ctx: Context, spur: HangTarget, cloud: Array) -> HangTarget | None:
     """The target with the best orientation of the hand that touches nothing, None when there is none."""
-    for way in ways_by_ease(ctx.robot, orientations(spur, goal.pitches, goal.azimuths)):
+    for way in ways_by_ease(ctx.robot, orientations(spur, goal.pitches, goal.azimuths), cloud):
         if find_postures(ctx, hang_line(ctx.robot, way, SPUR_STAND_OFF_M), touch=way.touched(), holding=True):
             return way
     return None

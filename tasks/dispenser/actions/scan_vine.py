@@ -94,8 +94,8 @@ def scan_vine(goal: ScanVineGoal, ctx: Context) -> Generator[Feedback, None, Sca
             closed = ctx.robot.description.gripper.closed_angle
             gripper.send(np.array([ctx.robot.description.gripper.thumb_clear, closed, closed]))
         begin = yield from move_to_pose(
-            ctx, arm, path.poses, either_end=True, status="moving to the scan", touch_boxes=(ROW,)
-        )
+            ctx, arm, path.poses, either_end=True, status="moving to the scan", touch_boxes=(ROW,), limit_rad=0.0
+        )  # with one joint held the sweep is not quite straight, which does no harm
         path = path if begin == 0 else path.backwards()
         collector = _Collector(ctx, goal.images)
         near = yield from _sweep(ctx, arm, goal, path, collector)
