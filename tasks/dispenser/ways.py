@@ -96,12 +96,13 @@ def _swept(robot: Robot) -> tuple[tuple[cKDTree, float], ...]:
 
     gripper = robot.description.gripper
     closed, opened = (0.5 * robot.hand.gap(angle) for angle in (gripper.closed_angle, gripper.open_angle))
-    x = np.arange(closed, opened, FINE_M)
-    back = np.arange(0.0, RETREAT_M, FINE_M)
+    sides, back = np.arange(closed, opened, FINE_M), np.arange(0.0, RETREAT_M, FINE_M)
     stems = np.arange(FINE_M, gripper.stem_length, 4.0 * FINE_M)
-    nail = [*((side, 0.0) for side in x), *((closed, along) for along in back)]
-    stem = [(side, along) for side in x for along in stems]
-    return tuple(
-        (cKDTree([(sign * side, 0.0, along) for side, along in places for sign in (1.0, -1.0)]), radius)
-        for places, radius in ((nail, gripper.nail_radius), (stem, gripper.stem_radius))
-    )
+    nail = np.vstack([_both(sides, np.zeros(1)), _both(np.array([closed]), back)])
+    return (cKDTree(nail), gripper.nail_radius), (cKDTree(_both(sides, stems)), gripper.stem_radius)
+
+
+def _both(sides: Array, along: Array) -> Array:
+    """(n, 3) every pair of a distance to either side and one along the fingers."""
+    x, z = (grid.ravel() for grid in np.meshgrid(np.concatenate([sides, -sides]), along))
+    return np.column_stack([x, np.zeros(x.size), z])
