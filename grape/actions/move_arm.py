@@ -11,6 +11,7 @@ import numpy as np
 from grape.actions.core import Context, Feedback, NoResult, action
 from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
 from grape.actions.robot import Robot
+from grape.actions.rocking import follow_rocking
 from grape.control import DifferentialIkOptions, TrackingOptions, TrajectoryTracker
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, GoalRejected, Reason, with_suggestion
@@ -93,6 +94,7 @@ def move_to_pose(
         ActionFailed: UNREACHABLE, IN_COLLISION, NO_PLAN, CABLE_BUDGET, TRACKING_ERROR or STALE_DATA.
     """
     yield from known_joints(ctx)
+    follow_rocking(ctx)
     rules = (tuple(touch), tuple(touch_boxes), None, limit_rad)
     candidates = yield from ctx.jobs.run(find_postures, ctx, tuple(line), *rules)
     ends = {0: candidates}
@@ -222,6 +224,7 @@ def move_to_joints(
     """
     limits = ctx.robot.description.arm
     start = yield from known_joints(ctx)
+    follow_rocking(ctx)
     if len(goals) == 1 and np.abs(goals[0] - start).max() < 0.01:
         return 0
     checker = checker_for(ctx, options=planning_margins(ctx))

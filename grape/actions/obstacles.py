@@ -17,10 +17,12 @@ class Obstacles:
 
     Args:
         cloud: (n, 3) m.
+        up: (3,) unit vector against gravity in base_link when it was seen; None: unknown.
     """
 
-    def __init__(self, cloud: Array) -> None:
+    def __init__(self, cloud: Array, up: Array | None = None) -> None:
         self.cloud = frozen_array(cloud, float)
+        self.up = up
         self._fields: dict[tuple[tuple[float, ...], ...], DistanceField] = {}
 
     def field(self, carve: Sequence[Ball] = ()) -> DistanceField:

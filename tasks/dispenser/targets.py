@@ -7,14 +7,14 @@ loop on the +y side of the nail line. Source: grape's contact study (docs/decisi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from grape.actions.core import Context
 from grape.errors import InvalidInput
-from grape.geometry import inverse, pose, rotation_x, rotation_z
+from grape.geometry import inverse, pose, rotation_x, rotation_z, transform
 from grape.messages import Array, frozen_array
 from grape.planning import Ball
 
@@ -41,6 +41,7 @@ class HangTarget:
         azimuth: rad about base_link z; 0 points the pitched hand to the robot's left.
         diameter: m.
         score: 0..1 of the list it comes from, 1 for a nail.
+        up: (3,) unit vector against gravity in base_link when it was seen; None: unknown.
     """
 
     plant: str
@@ -51,6 +52,7 @@ class HangTarget:
     azimuth: float = 0.0
     diameter: float = 0.008
     score: float = 1.0
+    up: Array | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in ("nail", "spur"):
@@ -60,11 +62,17 @@ class HangTarget:
             if value.shape != (3,) or not np.isfinite(value).all():
                 raise InvalidInput(f"{name} must be three finite numbers, got {value}")
             object.__setattr__(self, name, frozen_array(value))
+        if self.up is not None:
+            object.__setattr__(self, "up", frozen_array(self.up, float))
 
     def as_record(self) -> dict[str, Any]:
         """The target as JSON has it, for the ledger."""
         plain = np.ndarray | np.generic
         return {name: v.tolist() if isinstance(v, plain) else v for name, v in asdict(self).items()}
+
+    def moved(self, T: Array, up: Array | None) -> HangTarget:
+        """The same place after base_link has moved: `T` (4, 4) takes what was seen to where it is now."""
+        return replace(self, tip=transform(T, self.tip), direction=T[:3, :3] @ self.direction, up=up)
 
     @property
     def approach(self) -> Array:

@@ -9,6 +9,7 @@ from grape.actions.core import Context, Feedback, action
 from grape.actions.move_arm import move_to_pose
 from grape.actions.obstacles import OBSTACLES, Obstacles
 from grape.actions.retract import back_off
+from grape.actions.rocking import rocking, up_in_base
 from grape.drivers import ArmDriver
 from grape.errors import ActionFailed, Reason
 from grape.tasks.dispenser.stops import SPUR_STAND_OFF_M, orientations
@@ -26,11 +27,13 @@ class ApproachSpurGoal:
         target: the deployment pose.
         stand_off_m: of the loop above the spur's tip.
         turns: how many other orientations of the hand are tried where no way leads to the first.
+        rocks: how often the hand follows a target when the base has rocked under the arm on the way.
     """
 
     target: HangTarget
     stand_off_m: float = SPUR_STAND_OFF_M
     turns: int = 3
+    rocks: int = 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,29 +47,48 @@ class ApproachSpurResult:
 def approach_spur(goal: ApproachSpurGoal, ctx: Context) -> Generator[Feedback, None, ApproachSpurResult]:
     """Plans to a pitched hand pose above a spur, collision-free against the scanned vine.
 
-    Where no way leads to the target's own orientation of the hand, it is turned about the vertical or tilted.
+    Where no way leads to the target's own orientation of the hand, it is turned about the vertical or tilted. Where the
+    base has rocked since the target was seen, or does so on the way, the hand goes to where the target is now.
     """
     target = goal.target
     ctx.ledger.attempt(target.plant)
     with ctx.ledger.step("approach", target.plant), ctx.arm.lease("ApproachSpur") as arm:
         yield from back_off(ctx, arm)  # from where an attempt before has failed
+        for _ in range(goal.rocks + 1):
+            target = yield from _approach(goal, ctx, arm, where_now(ctx, target))
+            if rocking(ctx, target.up) is None:
+                break
+            ctx.log.event("rocked", plant=target.plant)
+    return ApproachSpurResult(approached=where_now(ctx, target))
+
+
+def where_now(ctx: Context, target: HangTarget) -> HangTarget:
+    """The target where it is in base_link after the base has rocked."""
+    T_now_seen = rocking(ctx, target.up)
+    return target if T_now_seen is None else target.moved(T_now_seen, up_in_base(ctx))
+
+
+def _approach(
+    goal: ApproachSpurGoal, ctx: Context, arm: ArmDriver, target: HangTarget
+) -> Generator[Feedback, None, HangTarget]:
+    """Moves above a target; returns it with the orientation of the hand that was reached."""
+    try:
+        yield from _move_above(ctx, arm, target, goal.stand_off_m)
+        return target
+    except ActionFailed as failure:
+        if failure.reason not in TURN_THE_HAND:
+            raise
+        first = failure
+    for turned in _turned(ctx, target)[: goal.turns]:
         try:
-            yield from _move_above(ctx, arm, target, goal.stand_off_m)
-            return ApproachSpurResult(approached=target)
+            yield from _move_above(ctx, arm, turned, goal.stand_off_m)
         except ActionFailed as failure:
             if failure.reason not in TURN_THE_HAND:
                 raise
-            first = failure
-        for turned in _turned(ctx, target)[: goal.turns]:
-            try:
-                yield from _move_above(ctx, arm, turned, goal.stand_off_m)
-            except ActionFailed as failure:
-                if failure.reason not in TURN_THE_HAND:
-                    raise
-                continue
-            ctx.log.event("hand_turned", plant=target.plant, why=str(first))
-            return ApproachSpurResult(approached=turned)
-        raise first
+            continue
+        ctx.log.event("hand_turned", plant=target.plant, why=str(first))
+        return turned
+    raise first
 
 
 def _move_above(ctx: Context, arm: ArmDriver, target: HangTarget, stand_off: float) -> Generator[Feedback, None, None]:

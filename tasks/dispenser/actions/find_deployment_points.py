@@ -10,6 +10,7 @@ import numpy as np
 from grape.actions.core import Context, Feedback, action
 from grape.actions.move_arm import find_postures
 from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
+from grape.actions.rocking import up_in_base
 from grape.errors import ActionFailed, Reason
 from grape.geometry import transform
 from grape.messages import Array
@@ -66,6 +67,7 @@ def find_deployment_points(
     goal: FindDeploymentPointsGoal, ctx: Context
 ) -> Generator[Feedback, None, FindDeploymentPointsResult]:
     """Extracts spurs from the scan, ranks them and keeps those that the hand reaches without touching the vine."""
+    up = up_in_base(ctx)
     box = vine_box(goal, plant_in_base(ctx, goal.plant), ctx.robot.description.base.height)
     looks: list[Look] = []
     for k in range(len(goal.scan.images)):
@@ -73,7 +75,7 @@ def find_deployment_points(
         yield Feedback(status="looking for spurs", progress=0.5 * (k + 1) / len(goal.scan.images))
     poses, cloud = yield from ctx.jobs.run(fuse, looks, goal.scan.sweep, box)
     cloud = np.vstack([cloud, not_in(cloud, goal.scan.near)])
-    ctx.world.committed[OBSTACLES] = Obstacles(cloud)
+    ctx.world.committed[OBSTACLES] = Obstacles(cloud, up=up)
     ctx.world.committed.pop(UNSEEN, None)
     ctx.ledger.remember(OBSTACLES, cloud.astype(np.float32).tobytes())
     ctx.log.event(
@@ -84,7 +86,7 @@ def find_deployment_points(
             {"tip": p.tip, "direction": p.direction, "score": p.score, "diameter": p.diameter_m} for p in poses[:12]
         ],
     )
-    spurs = [_target(goal, found) for found in poses]
+    spurs = [_target(goal, found, up) for found in poses]
     remember_spurs(ctx, spurs)
     targets: list[HangTarget] = []
     clear = 0
@@ -181,7 +183,7 @@ def _places(sweep: Sweep, most: int = 20) -> Array:
     return sweep.origins[:: max(1, len(sweep.origins) // most)] if len(sweep.origins) else np.zeros((1, 3))
 
 
-def _target(goal: FindDeploymentPointsGoal, found: DeploymentPose) -> HangTarget:
+def _target(goal: FindDeploymentPointsGoal, found: DeploymentPose, up: Array | None) -> HangTarget:
     """The spur as a target with the first hand orientation."""
     return HangTarget(
         plant=goal.plant,
@@ -192,6 +194,7 @@ def _target(goal: FindDeploymentPointsGoal, found: DeploymentPose) -> HangTarget
         azimuth=goal.azimuths[0],
         diameter=found.diameter_m,
         score=found.score,
+        up=up,
     )
 
 
