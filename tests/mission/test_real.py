@@ -143,4 +143,4 @@ def test_a_beat_that_took_too_long_is_told(mission_file: str, tmp_path: Path) ->
 
     run_mission(load_mission(mission_file), tmp_path / "run", cancelled=cancelled)
     events = [json.loads(line) for line in (tmp_path / "run" / "events.jsonl").read_text().splitlines()]
-    assert max(event["took_s"] for event in events if event["kind"] == "late_beat") > 0.12
+    assert max(event["took_s"] for event in events if event["kind"] == "late_beat") >= 0.12
