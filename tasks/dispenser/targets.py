@@ -57,13 +57,11 @@ class HangTarget:
     def __post_init__(self) -> None:
         if self.kind not in ("nail", "spur"):
             raise InvalidInput(f"kind must be 'nail' or 'spur', got {self.kind!r}")
-        for name in ("tip", "direction"):
+        for name in ("tip", "direction") if self.up is None else ("tip", "direction", "up"):
             value = np.asarray(getattr(self, name), float)
             if value.shape != (3,) or not np.isfinite(value).all():
                 raise InvalidInput(f"{name} must be three finite numbers, got {value}")
             object.__setattr__(self, name, frozen_array(value))
-        if self.up is not None:
-            object.__setattr__(self, "up", frozen_array(self.up, float))
 
     def as_record(self) -> dict[str, Any]:
         """The target as JSON has it, for the ledger."""

@@ -140,7 +140,12 @@ def complete_release(
 def _complete_or_take_back(
     goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, target: HangTarget
 ) -> Generator[Feedback, None, None]:
-    T_base_nails = ctx.robot.hand_pose(calibrated_joints(ctx)) @ ctx.robot.hand.T_hand_nails(finger_angle(ctx)[0])
+    """A loop that was taken back over the tip already stays on the nails."""
+    angle, opened = finger_angle(ctx)
+    if opened > 0.9 and float(_away(ctx, target) @ target.approach) > AIM_DEPTH_M:
+        yield from _off_the_tip(ctx, arm, target)
+        return
+    T_base_nails = ctx.robot.hand_pose(calibrated_joints(ctx)) @ ctx.robot.hand.T_hand_nails(angle)
     try:
         yield from complete_release(goal, ctx, arm, fingers, target)
     except HandPressed as pressed:
@@ -173,11 +178,16 @@ def take_back(
 
 def _off_the_tip(ctx: Context, arm: ArmDriver, target: HangTarget) -> Generator[Feedback, None, None]:
     """Back along the approach, the fingers as they are, until the loop is clear of the tip."""
-    final = target.hand_pose(ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle))
-    away = ctx.robot.hand_pose(ctx.world.joints())[:3, 3] - final[:3, 3]
+    away = _away(ctx, target)
     short = CLEAR_M + AIM_DEPTH_M - float(away @ target.approach)
     if short > 0.005 and np.linalg.norm(away) < NEAR_TARGET_M:
         yield from leave(ctx, arm, target.approach, short)
+
+
+def _away(ctx: Context, target: HangTarget) -> Array:
+    """(3,) m in base_link, from where the hand hangs a dispenser, fingers open, to where it is."""
+    final = target.hand_pose(ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle))
+    return np.asarray(ctx.robot.hand_pose(ctx.world.joints())[:3, 3] - final[:3, 3])
 
 
 def _nails(ctx: Context, angle: float) -> Array:

@@ -142,6 +142,9 @@ def test_a_release_that_was_cut_off_and_presses_is_taken_back_with_its_dispenser
     final = target.hand_pose(bench.robot.hand.T_hand_nails(GRIPPER.open_angle))
     away = (bench.hand[:3, 3] - final[:3, 3]) @ target.approach
     assert away == pytest.approx(CLEAR_M + AIM_DEPTH_M, abs=0.01), "back over the tip, the way it came"
+    place, bench.world.felt = bench.hand, 0.1
+    withdraw(bench)
+    assert fingers_open(bench) > 0.95 and bench.hand == pytest.approx(place, abs=1e-3), "the dispenser is not dropped"
     bench.scene.held = True
     settle(bench)
     assert bench.ledger.account()["on_hand"] == 1 and bench.ledger.account()["deployed"] == 0
