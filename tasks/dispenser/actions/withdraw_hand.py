@@ -11,6 +11,7 @@ from grape.actions.calibration import recall_offsets
 from grape.actions.core import Context, Feedback, NoResult, Step, action
 from grape.actions.hand_path import (
     JOINT_OFFSETS,
+    FingersStuck,
     HandPathOptions,
     HandPressed,
     calibrated_joints,
@@ -22,7 +23,7 @@ from grape.actions.servoing import leave
 from grape.actions.touching import touching
 from grape.drivers import ArmDriver, GripperDriver
 from grape.errors import ActionFailed
-from grape.geometry import pose
+from grape.geometry import pose, pose_error
 from grape.messages import Array
 from grape.tasks.dispenser.actions.drive_to_plant import PARKED, STANDING
 from grape.tasks.dispenser.actions.grasp_dispenser import GraspDispenserGoal
@@ -33,7 +34,8 @@ from grape.tasks.dispenser.targets import AIM_DEPTH_M, FELT_MAX, RETREAT_M, Hang
 
 NEAR_FEEDER_M = 0.08  # beside the loop's place: farther away the hand is not in the feeder
 RISEN_M = 0.003  # a loop that is higher has left its tray
-NEAR_TARGET_M = 0.25  # from where the hand hangs a dispenser: farther away it has backed off, and is not in the plant
+# From where the hand hangs a dispenser: farther away, or turned farther as for another look, it has left the plant.
+NEAR_TARGET_M, NEAR_TARGET_RAD = 0.25, 0.35
 CLEAR_M = 0.08  # of the loop from the tip, when servoing was cut off
 
 
@@ -130,27 +132,35 @@ def complete_release(
         close_s = goal.careful_s if target.kind == "spur" else goal.close_s
         yield from _close(ctx, arm, fingers, T[:3, :3], close_s, HandPathOptions(felt_max=FELT_MAX))
         T = ctx.robot.hand_pose(ctx.world.joints())
-    away = T[:3, 3] - hang_line(ctx.robot, target, 0.1)[2][:3, 3]
-    if np.linalg.norm(away) > NEAR_TARGET_M:
+    T_released = hang_line(ctx.robot, target, 0.1)[2]
+    if not _in_plant(T, T_released):
         return
-    gone = float(away @ T[:3, 2])
+    gone = float((T[:3, 3] - T_released[:3, 3]) @ T[:3, 2])
     yield from _go(goal, ctx, arm, T[:3, 2] * (RETREAT_M - min(max(gone, 0.0), RETREAT_M)))
 
 
 def _complete_or_take_back(
     goal: WithdrawHandGoal, ctx: Context, arm: ArmDriver, fingers: GripperDriver, target: HangTarget
 ) -> Generator[Feedback, None, None]:
-    """A loop that was taken back over the tip already stays on the nails."""
+    """A loop that was taken back over the tip already stays on the nails.
+
+    Where arm or fingers cannot follow, it goes as far as it can: what came of it the look that is next tells.
+    """
     angle, opened = finger_angle(ctx)
-    if opened > 0.9 and float(_away(ctx, target) @ target.approach) > AIM_DEPTH_M:
+    if opened > 0.9 and _backed_off(ctx, target) > AIM_DEPTH_M:
         yield from _off_the_tip(ctx, arm, target)
         return
     T_base_nails = ctx.robot.hand_pose(calibrated_joints(ctx)) @ ctx.robot.hand.T_hand_nails(angle)
     try:
         yield from complete_release(goal, ctx, arm, fingers, target)
     except HandPressed as pressed:
-        ctx.log.event("release_hindered", reason=str(pressed.reason), detail=pressed.detail)
+        _tell_hindered(ctx, pressed)
         yield from take_back(ctx, arm, fingers, target, T_base_nails)
+    except FingersStuck as stuck:
+        _tell_hindered(ctx, stuck)
+        yield from leave(ctx, arm, target.approach, CLEAR_M + AIM_DEPTH_M)
+    except ActionFailed as failed:
+        _tell_hindered(ctx, failed)
 
 
 def take_back(
@@ -172,22 +182,35 @@ def take_back(
             status="opening the fingers again", options=HandPathOptions(calibrated=True),
         )  # fmt: skip
     except ActionFailed as failed:
-        ctx.log.event("release_hindered", reason=str(failed.reason), detail=failed.detail)
+        _tell_hindered(ctx, failed)
     yield from leave(ctx, arm, target.approach, CLEAR_M + AIM_DEPTH_M)
 
 
 def _off_the_tip(ctx: Context, arm: ArmDriver, target: HangTarget) -> Generator[Feedback, None, None]:
     """Back along the approach, the fingers as they are, until the loop is clear of the tip."""
-    away = _away(ctx, target)
-    short = CLEAR_M + AIM_DEPTH_M - float(away @ target.approach)
-    if short > 0.005 and np.linalg.norm(away) < NEAR_TARGET_M:
+    short = CLEAR_M + AIM_DEPTH_M - _backed_off(ctx, target)
+    if short > 0.005 and _in_plant(ctx.robot.hand_pose(ctx.world.joints()), _over(ctx, target)):
         yield from leave(ctx, arm, target.approach, short)
 
 
-def _away(ctx: Context, target: HangTarget) -> Array:
-    """(3,) m in base_link, from where the hand hangs a dispenser, fingers open, to where it is."""
-    final = target.hand_pose(ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle))
-    return np.asarray(ctx.robot.hand_pose(ctx.world.joints())[:3, 3] - final[:3, 3])
+def _in_plant(T_base_hand: Array, T_base_hanging: Array) -> bool:
+    """Whether the hand has not yet gone elsewhere from where it hangs a dispenser."""
+    error = pose_error(T_base_hanging, T_base_hand)
+    return bool(np.linalg.norm(error[:3]) < NEAR_TARGET_M and np.linalg.norm(error[3:]) < NEAR_TARGET_RAD)
+
+
+def _over(ctx: Context, target: HangTarget) -> Array:
+    """`T_base_hand` where the loop is over the tip, fingers open."""
+    return target.hand_pose(ctx.robot.hand.T_hand_nails(ctx.robot.description.gripper.open_angle))
+
+
+def _backed_off(ctx: Context, target: HangTarget) -> float:
+    """How far (m) the hand is along the approach from where the loop is over the tip."""
+    return float((ctx.robot.hand_pose(ctx.world.joints()) - _over(ctx, target))[:3, 3] @ target.approach)
+
+
+def _tell_hindered(ctx: Context, failed: ActionFailed) -> None:
+    ctx.log.event("release_hindered", reason=str(failed.reason), detail=failed.detail)
 
 
 def _nails(ctx: Context, angle: float) -> Array:

@@ -14,7 +14,7 @@ from grape.actions.account import RESUMED
 from grape.actions.core import Outcome
 from grape.actions.hand_path import JOINT_OFFSETS
 from grape.actions.obstacles import OBSTACLES
-from grape.geometry import transform
+from grape.geometry import pose, rotation_x, transform
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
 from grape.tasks.dispenser.actions.drive_to_plant import STANDING, DriveToPlantGoal, drive_to_plant
@@ -161,6 +161,30 @@ def test_a_hand_that_has_left_the_plant_for_another_look_stays_where_it_is(bench
     place = bench.hand
     withdraw(bench)
     assert bench.hand[:3, 3] == pytest.approx(place[:3, 3], abs=1e-3)
+
+
+def test_a_hand_that_looks_again_from_near_the_plant_stays_where_it_is(bench: Bench, task: SimpleNamespace) -> None:
+    target = nail_in_hand(bench, task)
+    bench.run(hang_dispenser(HangDispenserGoal(target=target), bench.ctx))
+    bench.put_hand(bench.hand @ pose(rotation_x(-0.6), (0.0, -0.05, -0.06)))
+    place = bench.hand
+    withdraw(bench)
+    assert bench.hand[:3, 3] == pytest.approx(place[:3, 3], abs=1e-3), "it has left the plant before"
+
+
+@pytest.mark.parametrize("part", ["arm", "fingers"])
+def test_what_cannot_complete_a_release_leaves_the_rest_to_the_look(
+    bench: Bench, task: SimpleNamespace, part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = nail_in_hand(bench, task)
+    cut_off(bench, hang_dispenser(HangDispenserGoal(target=target), bench.ctx), 2.2 if part == "arm" else 0.4)
+    bench.arm.stuck = part == "arm"
+    if part == "fingers":
+        monkeypatch.setattr(bench.fingers, "send", lambda position: position)
+    withdraw(bench)
+    assert bench.log.last("release_hindered")["reason"] == "tracking_error"
+    settle(bench)
+    assert not interrupted(None, bench.ctx), "the mission goes on"  # type: ignore[arg-type]
 
 
 def test_a_release_of_which_nothing_is_seen_is_lost_once(bench: Bench, task: SimpleNamespace) -> None:
