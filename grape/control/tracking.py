@@ -72,7 +72,7 @@ class TrajectoryTracker:
         error = trajectory.sample(t).position - np.asarray(q, float)
         largest = float(np.abs(error).max())
         joint = int(np.abs(error).argmax()) + 1
-        if largest > options.error_max_rad:
+        if not largest <= options.error_max_rad:  # NaN neither
             raise ActionFailed(Reason.TRACKING_ERROR, f"joint {joint} is {largest:.3f} rad off at {t:.2f} s")
         if t > trajectory.duration + options.settle_s and largest >= options.done_rad:
             raise ActionFailed(Reason.TRACKING_ERROR, f"joint {joint} stays {largest:.3f} rad off after the end")

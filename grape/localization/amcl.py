@@ -187,7 +187,7 @@ class Amcl:
             particles=len(self.poses),
             likelihood=likelihood,
             strangers=strangers,
-            updated=True,
+            updated=len(points) > 0,
         )
 
     def _log_weights(self, poses: Array, points: Array) -> Array:

@@ -9,6 +9,7 @@ from math import isfinite
 import numpy as np
 
 from grape.errors import InvalidInput
+from grape.geometry import transform
 from grape.localization.ekf import Ekf, EkfOptions
 from grape.localization.state import STATE, Measurement
 from grape.messages import Array
@@ -62,6 +63,8 @@ def begun(firsts: list[Measurement], absolute: Array, options: FusionOptions) ->
     for m in firsts:  # angles are set, not corrected: half a turn is no small error
         angles = [k for k, i in enumerate(m.index) if 3 <= i < 6 and absolute[i]]
         mean[m.index[angles]], std[m.index[angles]] = m.value[angles], np.sqrt(m.covariance.diagonal()[angles])
+        place = _measured_place(m)
+        mean[:3] = np.where((std[:3] == FAR_M) & np.isfinite(place), place, mean[:3])
     stamp = firsts[-1].stamp
     ekf = Ekf(stamp, mean, np.diag(std**2), options.filter)
     for m in firsts:
@@ -69,6 +72,16 @@ def begun(firsts: list[Measurement], absolute: Array, options: FusionOptions) ->
         if positions.size:
             ekf.correct(_part(m, positions, stamp))
     return ekf
+
+
+def _measured_place(m: Measurement) -> Array:
+    """(3,) m, the sensor's place as far as it was measured, else NaN: from 0 the broad first belief would pull."""
+    measured = np.flatnonzero(m.index < 3)
+    place = np.zeros(3)
+    place[m.index[measured]] = m.value[measured]
+    if m.mount is not None:
+        place = transform(m.mount.T_world_frame, place)
+    return np.where(np.isin(np.arange(3), m.index[measured]), place, np.nan)
 
 
 def _part(m: Measurement, chosen: Array, stamp: float) -> Measurement:

@@ -226,7 +226,12 @@ class Fusion:
         if sensor.name in self._biases:
             standing = self.belief() if self._standing.at(reading.stamp) else None
             measurements = self._biases[sensor.name].taken_off(measurements, standing)
-        return tuple(self._correct(m, sensor.options.relocate_after) for m in measurements)
+        corrections = []
+        for measurement in measurements:
+            corrections.append(self._correct(measurement, sensor.options.relocate_after))
+            if self._ekf is None:  # began anew: the rest has the stamp that was refused
+                break
+        return tuple(corrections)
 
     def _correct(self, measurement: Measurement, relocate_after: int = 0) -> Correction:
         correction, source = self._running().correct(measurement), measurement.source

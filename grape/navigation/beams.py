@@ -75,7 +75,7 @@ def beams_from_scan(
     known = ~np.isnan(scan.ranges) & (scan.ranges >= scan.range_min)
     r, a = scan.ranges[known], angles[known]
     hit = r <= min(options.mark_range, scan.range_max)
-    r = np.where(hit, r, np.minimum(r, options.clear_range))
+    r = np.where(hit, r, np.minimum(r, min(options.clear_range, scan.range_max)))
     points = transform(T_base_scan, np.column_stack([r * np.cos(a), r * np.sin(a), np.zeros_like(r)]))
     floor = options.lowest + options.rise * np.hypot(points[:, 0], points[:, 1])
     ground = _height_over_feet(points, T_map_base, options.ground, normal) < floor

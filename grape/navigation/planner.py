@@ -77,6 +77,7 @@ def plan_route(costmap: Costmap, start: Array, waypoints: Array, options: Planne
     goal = waypoints[-1]
     if costmap.blocked(goal, options.footprint)[0]:
         raise ActionFailed(Reason.NO_PATH, f"the goal ({goal[0]:.2f}, {goal[1]:.2f}) is occupied")
+    _check_inside(costmap, start, goal)
     if len(waypoints) == 1 and (direct := _on_goal_line(costmap, start, goal, options)) is not None:
         return direct
     via = [w for w in waypoints[:-1] if costmap.cost_at(w[:2]) < INSCRIBED]
@@ -87,6 +88,13 @@ def plan_route(costmap: Costmap, start: Array, waypoints: Array, options: Planne
             corners = _corners(costmap, [start[:2], *(w[:2] for w in via), entry], options)
             return _finished(costmap, np.vstack([corners, goal[:2]]), goal, options)
     raise ActionFailed(Reason.NO_PATH, f"no straight approach to ({goal[0]:.2f}, {goal[1]:.2f}) is free")
+
+
+def _check_inside(costmap: Costmap, origin: Array, target: Array) -> None:
+    """Raise ActionFailed, NO_PATH, when one of both places (2 or more,) m is not on the map."""
+    spec, ends = costmap.spec, np.array([origin[:2], target[:2]])
+    if not spec.contains(spec.cells(ends)).all():
+        raise ActionFailed(Reason.NO_PATH, f"from {ends[0].round(2)} to {ends[1].round(2)} leaves the costmap")
 
 
 def _approaches(via: list[Array], goal: Array, options: PlannerOptions) -> tuple[float, ...]:
@@ -132,7 +140,7 @@ def _corners(costmap: Costmap, stops: list[Array], options: PlannerOptions) -> A
             corners.append(target)
         else:
             corners.extend(_detour(costmap, origin, target, options))
-    if len(corners) == 1:
+    if len(corners) == 1 and np.hypot(*(stops[-1] - corners[0])) > 1e-6:
         corners.append(stops[-1])
     return np.array(corners)
 
@@ -151,10 +159,9 @@ def _detour(costmap: Costmap, origin: Array, target: Array, options: PlannerOpti
     """Corners after `origin` up to and including `target`, found by the grid search."""
     from grape.navigation.grid_kernels import search
 
+    _check_inside(costmap, origin, target)
     spec = costmap.spec
     cells = spec.cells(np.array([origin, target]))
-    if not spec.contains(cells).all():
-        raise ActionFailed(Reason.NO_PATH, f"from {origin.round(2)} to {target.round(2)} leaves the costmap")
     flat = cells[:, 0] * spec.columns + cells[:, 1]
     found = search(costmap.cost, int(flat[0]), int(flat[1]), options.cost_weight, INSCRIBED - 1)
     if found.size == 0:

@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numba import njit
 
-_OFFSET = 1 << 20  # cells are counted from here, so that keys stay positive
+_OFFSET = 1 << 20  # cells are counted from here, so that keys of clouds near the origin sort by place
+_AXIS = (1 << 21) - 1
 _NEAREST_FIRST = np.array(  # of 3 x 3 x 3 cells: the middle, faces, edges, corners
     [13, 4, 10, 12, 14, 16, 22, 1, 3, 5, 7, 9, 11, 15, 17, 19, 21, 23, 25, 0, 2, 6, 8, 18, 20, 24, 26]
 )
@@ -15,12 +16,13 @@ _NEAREST_FIRST = np.array(  # of 3 x 3 x 3 cells: the middle, faces, edges, corn
 
 @njit(cache=True)
 def _key(x, y, z):  # type: ignore[no-untyped-def]
-    return ((x + _OFFSET) << 42) | ((y + _OFFSET) << 21) | (z + _OFFSET)
+    """21 bits an axis: cells 2^21 apart share a key, and their points are told apart by distance."""
+    return (((x + _OFFSET) & _AXIS) << 42) | (((y + _OFFSET) & _AXIS) << 21) | ((z + _OFFSET) & _AXIS)
 
 
 @njit(cache=True)
 def _slot(key, size):  # type: ignore[no-untyped-def]
-    mixed = (key >> 42) * 73856093 ^ ((key >> 21) & 0x1FFFFF) * 19349669 ^ (key & 0x1FFFFF) * 83492791
+    mixed = (key >> 42) * 73856093 ^ ((key >> 21) & _AXIS) * 19349669 ^ (key & _AXIS) * 83492791
     return mixed & (size - 1)
 
 
@@ -56,7 +58,7 @@ def into_cells(points, cell_m):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def _near_cell(key, n):  # type: ignore[no-untyped-def]
     """Key of the cell beside the cell `key` that is number n of 27, z counting first."""
-    x, y, z = (key >> 42) - _OFFSET, ((key >> 21) & 0x1FFFFF) - _OFFSET, (key & 0x1FFFFF) - _OFFSET
+    x, y, z = (key >> 42) - _OFFSET, ((key >> 21) & _AXIS) - _OFFSET, (key & _AXIS) - _OFFSET
     return _key(x + n // 9 - 1, y + n // 3 % 3 - 1, z + n % 3 - 1)
 
 

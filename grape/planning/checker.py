@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
+from math import isfinite
 from types import ModuleType
 
 import numpy as np
@@ -142,8 +143,8 @@ class StateChecker:
 
     def _joints(self, q: Array) -> Array:
         q = np.ascontiguousarray(q, float)
-        if q.shape != self._shape:
-            raise InvalidInput(f"joint angles must have shape {self._shape}, got {q.shape}")
+        if q.shape != self._shape or not isfinite(sum(q.tolist())):
+            raise InvalidInput(f"joint angles must be finite and have shape {self._shape}, got {q}")
         return q
 
 

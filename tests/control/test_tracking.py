@@ -72,6 +72,14 @@ def test_an_arm_that_does_not_settle_ends_the_motion():
     assert failure.value.reason is Reason.TRACKING_ERROR
 
 
+def test_joint_angles_that_are_no_numbers_end_the_motion():
+    q = np.zeros(6)
+    q[2] = np.nan
+    with pytest.raises(ActionFailed) as failure:
+        TrajectoryTracker(trajectory=trajectory(), velocity_max=VELOCITY).step(0.1, q)
+    assert failure.value.reason is Reason.TRACKING_ERROR
+
+
 def test_limits_of_another_shape_are_refused():
     with pytest.raises(InvalidInput):
         TrajectoryTracker(trajectory=trajectory(), velocity_max=np.ones(3))

@@ -249,6 +249,14 @@ def test_a_scan_of_weeds_alone_moves_nobody(field: LikelihoodField, drive: tuple
     assert off(estimates[-1], true[19]) < 1.5
 
 
+def test_a_scan_without_a_return_is_not_used(field: LikelihoodField, drive: tuple) -> None:
+    true, odometry, scans = drive
+    amcl, rng = Amcl(field), np.random.default_rng(4)
+    amcl.start(true[0], START_COVARIANCE, rng)
+    blind = replace(scans[3], ranges=np.full(181, np.inf))
+    assert amcl.update(odometry[0], scans[0], rng).updated and not amcl.update(odometry[3], blind, rng).updated
+
+
 def test_a_start_anywhere_is_unsure_or_right_from_the_first_scan(field: LikelihoodField, drive: tuple) -> None:
     for seed in range(4):
         amcl, rng = Amcl(field), np.random.default_rng(seed)

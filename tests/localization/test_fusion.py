@@ -131,6 +131,34 @@ def test_filter_begins_anew_when_time_starts_over():
     assert fusion.belief().mean[0] == pytest.approx(0.0, abs=0.1)
 
 
+def test_a_reading_of_several_measurements_may_make_the_filter_begin_anew():
+    gates = {"pose_gate": 5.0, "twist_gate": 5.0, "acceleration_gate": 5.0}
+    std = per_component(x=0.1, y=0.1, vx=0.1, ax=0.1)
+    fusion = Fusion(
+        {"all": SensorOptions(components=components("x", "y", "vx", "ax"), std=std, **gates)},
+        FusionOptions(restart_after=5),
+    )
+    for start in (1000.0, 0.0):
+        for k in range(20):
+            fusion.take(said(start + 0.1 * k, "all", x=start, y=0.0, vx=0.0, ax=0.0))
+    assert fusion.belief().mean[0] == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize("std", [0.1, 3.0])
+def test_filter_begins_where_it_is_seen_however_far_that_is(std):
+    place = SensorOptions(components=components("x", "y"), std=per_component(x=std, y=std), pose_gate=5.0)
+    fusion = Fusion({"place": place})
+    for k in range(20):
+        fusion.take(said(0.1 * k, "place", x=6e5, y=4.8e6))
+    assert fusion.belief().mean[:2] == pytest.approx([6e5, 4.8e6], abs=1e-3)
+
+
+def test_a_place_that_is_given_at_the_start_counts_beside_the_first_one_seen():
+    fusion = placed(initial={"x": 4.0}, initial_std={"x": 1e-3})
+    fusion.take(said(0.0, "place", x=9.0, y=0.0))
+    assert fusion.belief().mean[0] == pytest.approx(4.0, abs=0.1)
+
+
 def test_silence_is_noticed_and_the_estimate_goes_on():
     fusion = placed()
     fusion.take(said(0.0, "place", x=0.0, y=0.0))

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -38,6 +40,12 @@ def ring(distance: float, height: float, n: int = 200) -> np.ndarray:
     return np.column_stack(
         [0.4 + distance * np.cos(angle), -0.2 + distance * np.sin(angle), np.full(n, height + GROUND)]
     )
+
+
+def test_what_gives_no_return_is_free_as_far_as_the_scanner_sees():
+    short = replace(scan([np.inf] * 3), range_max=2.0)
+    beams = beams_from_scan(short, np.eye(4), T_BASE_LASER)
+    assert np.hypot(*(beams.ends - beams.sensor).T) == pytest.approx(2.0)
 
 
 def test_hits_lie_where_the_robot_saw_them():

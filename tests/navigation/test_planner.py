@@ -74,6 +74,17 @@ def test_goal_outside_the_grid_gives_no_path():
         plan_path(world(), np.array([0.0, 0.0, 0.0]), np.array([60.0, 3.0, 0.0]))
 
 
+def test_goal_straight_ahead_outside_the_grid_gives_no_path():
+    with pytest.raises(ActionFailed, match="leaves"):
+        plan_path(world(), np.array([0.0, 0.0, 0.0]), np.array([1000.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("yaw", [1.57, -2.0])
+def test_a_robot_that_stands_where_the_approach_begins_only_turns(yaw):
+    path = plan_path(world(), np.array([0.0, 0.0, yaw]), np.array([1.5, 0.0, 0.0]))
+    assert path.length == pytest.approx(1.5) and np.allclose(path.poses[:, 1:], 0.0)
+
+
 def test_pose_that_is_not_finite_is_refused():
     with pytest.raises(InvalidInput):
         plan_path(world(), np.array([0.0, np.nan, 0.0]), np.array([1.0, 0.0, 0.0]))

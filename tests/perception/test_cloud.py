@@ -76,6 +76,18 @@ def test_lonely_points_are_outliers():
     assert mask[:300].mean() > 0.9 and not mask[300:].any()
 
 
+@pytest.mark.parametrize("far", [(0.0, 0.0, 20e3), (6e5, 4.8e6, 100.0), (0.0, -12e3, 0.0), (0.0, 0.0, 9437.184)])
+def test_outliers_are_the_same_far_from_the_origin(far):
+    points = np.random.default_rng(0).uniform(0, 0.1, (2000, 3))
+    assert np.mean(outlier_mask(points + far, 0.01, 5) != outlier_mask(points, 0.01, 5)) < 1e-3
+
+
+def test_points_whose_cells_share_a_key_are_not_neighbours():
+    apart = np.array([[0.0, 0.0, 0.0], [2.0**21, 0.0, 0.0]])
+    assert not outlier_mask(np.vstack([apart, apart + 1e-3]), 1.0, 2).any()
+    assert outlier_mask(np.vstack([apart, apart + 1e-3]), 1.0, 1).all()
+
+
 def test_empty_clouds_stay_empty():
     empty = np.empty((0, 3))
     for result in (voxel_grid(empty, 0.01), remove_outliers(empty, 0.1, 3), crop_box(empty, (0, 0, 0), (1, 1, 1))):

@@ -87,6 +87,15 @@ def test_validity_agrees_with_brute_force(model, fk, states, vine, field):
     assert kinds == {"c", "b", "s"}
 
 
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+def test_angles_that_are_no_numbers_are_refused_and_not_called_free(model, states, wrong):
+    checker, q = StateChecker(model), states[0].copy()
+    q[3] = wrong
+    for ask in (checker.is_valid, checker.clearance, lambda q: checker.edge_valid(states[0], q)):
+        with pytest.raises(InvalidInput):
+            ask(q)
+
+
 def test_a_state_is_valid_just_where_its_clearance_is_not_negative(model, field, states):
     checker = StateChecker(model, field)
     valid = np.array([checker.is_valid(q) for q in states])
