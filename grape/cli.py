@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sqlite3
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -319,6 +320,9 @@ def main() -> None:
     except OSError as error:  # no room on the disk, no right to write there, a name that is too long
         place = f"{error.filename}: " if error.filename is not None else ""
         typer.echo(f"error: {place}{error.strerror or error}", err=True)
+        code = INPUT_ERROR
+    except sqlite3.Error as error:  # the same, while the ledger was written
+        typer.echo(f"error: ledger: {error}", err=True)
         code = INPUT_ERROR
     except typer.Abort:
         code = EXIT["aborted"]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, JustifyMethod
 from rich.markup import escape
 from rich.table import Table
 
@@ -27,6 +27,7 @@ from grape.mission.record import write_atomic
 from grape.proof import parse_seeds
 
 DONE, MISSING, STOPPED = 0, 2, 130
+FIGURES: Mapping[str, JustifyMethod] = {"hang": "right", "rate": "right", "95 % interval": "left", "cycle": "right"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +54,10 @@ def campaign_command(
     folder = open_folder(out, f"campaign-{name}")
     console, cancellation = Console(), Cancellation()
     combinations = len(plan.combinations())
-    console.print(f"[bold]{name}[/], {len(chosen)} missions, {combinations} kinds of world: {folder}", highlight=False)
+    console.print(
+        f"[bold]{name}[/], {len(chosen)} missions, {combinations} kinds of world: {escape(str(folder))}",
+        highlight=False,
+    )
     if len(chosen) < combinations:
         console.print(f"note: {len(chosen)} seeds do not reach all {combinations} combinations of --vary")
     with cancellation.listening(), StandingDisplay(console) as display:
@@ -61,12 +65,12 @@ def campaign_command(
     if done.runs:
         console.print(_table(done.summary))
     console.print(done.standing.line, highlight=False)
-    console.print(f"written: {folder / 'report.html'}, campaign.json", highlight=False, soft_wrap=True)
+    console.print(f"written: {folder / 'report.html'}, campaign.json", markup=False, highlight=False, soft_wrap=True)
     if cancellation.requested:
         console.print("stopped; the same command goes on when --out names this folder")
         return STOPPED
     for job in done.standing.broken:
-        console.print(f"seed {job.seed}: no result, see {job.log}", highlight=False, soft_wrap=True)
+        console.print(f"seed {job.seed}: no result, see {job.log}", markup=False, highlight=False, soft_wrap=True)
     return MISSING if done.standing.broken else DONE
 
 
@@ -139,7 +143,7 @@ def _table(summary: Mapping[str, Any]) -> Table:
     ]
     names = dict.fromkeys(name for row in rows for name, value in row.items() if value is not None)
     for name in names:
-        shown.add_column(name, no_wrap=True, justify="right" if name in ("hang", "rate", "cycle") else "left")
+        shown.add_column(name, no_wrap=name in FIGURES, overflow="fold", justify=FIGURES.get(name, "left"))
     for row in rows:
         shown.add_row(*(escape("" if row.get(name) is None else str(row[name])) for name in names))
     shown.caption_justify = "left"

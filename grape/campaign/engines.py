@@ -13,6 +13,7 @@ from typing import Any, Protocol
 
 from grape.campaign.plan import Job
 from grape.errors import GrapeError, with_suggestion
+from grape.mission.lock import RunLock
 
 STOP_S = 20.0
 ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")}
@@ -39,9 +40,14 @@ class Engine(Protocol):
 
 
 def launch(job: Job) -> subprocess.Popen[bytes]:
-    """The process of a job; what an earlier one left in its folder is thrown away."""
+    """The process of a job; what an earlier one left in its folder is thrown away.
+
+    Raises:
+        FolderBusy: a mission of a campaign that was killed is still at it.
+    """
     if job.folder.exists():
-        shutil.rmtree(job.folder)
+        with RunLock(job.folder):
+            shutil.rmtree(job.folder)
     with job.log.open("wb") as log:
         environment = {"MUJOCO_GL": "egl", **os.environ, **ONE_THREAD}
         # A session of its own: Ctrl-C reaches the campaign alone, and that ends its missions.

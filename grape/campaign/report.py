@@ -63,7 +63,9 @@ def _header(summary: Mapping[str, Any]) -> str:
     ]
     settings = [*summary["set"], *(f"{key} = {', '.join(values)} in turn" for key, values in summary["vary"].items())]
     sub = " · ".join([f"seeds {summary['seeds']}", *settings, f"grape {summary['grape']}"])
-    warning = f'<p class="detail">no result: seeds {", ".join(map(str, broken))}</p>' if broken else ""
+    notes = [f"no result: seeds {', '.join(map(str, broken))}"] if broken else []
+    notes += [] if summary["complete"] else ["stopped before all seeds had run"]
+    warning = "".join(f'<p class="detail">{note}</p>' for note in notes)
     return (
         f"<header><h1>{escape(summary['mission'])}: a campaign</h1>"
         f'<p class="sub">{escape(sub)}</p>{warning}{tiles(figures)}</header>'

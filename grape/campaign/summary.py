@@ -40,6 +40,7 @@ def build_summary(
         **plan.as_dict(),
         "seeds": f"{seeds.start}:{seeds.stop}",
         "missions": len(runs),
+        "complete": len(runs) + len(broken) == len(seeds),
         "without_result": [job.seed for job in broken],
         "ended_by": _counts(run.result["ended_by"] for run in runs),
         "total": success(plants),

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from rich.console import Console
+from rich.markup import escape
 
 from grape.mission.display import ProgressDisplay, summary
 from grape.mission.file import load_mission
@@ -25,14 +26,16 @@ class Cancellation:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
-        """While the block runs, Ctrl-C and SIGTERM ask instead of killing."""
+        """While the block runs, Ctrl-C, SIGTERM and a terminal that closes (but for `nohup`) ask instead of killing."""
 
         def ask(number: int, frame: object) -> None:
             if self.requested:
                 raise KeyboardInterrupt
             self.requested = True
 
-        before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+        asking = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+        heard = [number for number in asking if signal.getsignal(number) is not signal.SIG_IGN]
+        before = {number: signal.signal(number, ask) for number in heard}
         try:
             yield
         finally:
@@ -68,7 +71,9 @@ def resume_command(folder: Path) -> str:
         GrapeError: the folder is no run that can be resumed.
     """
     console = Console()
-    console.print(f"resuming [bold]{folder}[/]: building world and robot …", highlight=False, soft_wrap=True)
+    console.print(
+        f"resuming [bold]{escape(str(folder))}[/]: building world and robot …", highlight=False, soft_wrap=True
+    )
     cancellation = Cancellation()
     with cancellation.listening(), ProgressDisplay(console) as display:
         done = resume_mission(folder, cancelled=cancellation, on_progress=display.show)
@@ -79,5 +84,5 @@ def resume_command(folder: Path) -> str:
 
 def _tell(console: Console, done: MissionRun) -> str:
     console.print(summary(done.result))
-    console.print(f"run folder: {done.folder}", highlight=False, soft_wrap=True)
+    console.print(f"run folder: {done.folder}", markup=False, highlight=False, soft_wrap=True)
     return str(done.result["status"])

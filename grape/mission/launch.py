@@ -99,14 +99,16 @@ def resume_mission(
     with RunLock(folder):
         earlier = ended_result(folder)
         if earlier is not None:
+            if not (folder / "report.html").exists():  # killed while it was written
+                from grape.mission.report import write_report
+
+                write_report(folder)
             return MissionRun(folder=folder, result=earlier, resumed=False)
         refuse_changed(folder)
         mission = load_mission(str(folder / "mission.yaml"))
         if mission.file.drivers == SIMULATED:
             refuse_lost_world(folder)
         with open_scene(mission, folder) as scene:
-            for name in ("result.json", "report.html"):
-                (folder / name).unlink(missing_ok=True)
             result = execute(scene, folder, cancelled=cancelled, on_progress=on_progress, resume=True)
     return MissionRun(folder=folder, result=result)
 
@@ -213,6 +215,8 @@ def execute(
         resume=resume,
         facts=identity(folder),
     )
+    for name in ("result.json", "report.html"):  # of an earlier session; now everything that it left could be read
+        (folder / name).unlink(missing_ok=True)
     result = finish(scene.mission, runner, referee, folder)
     if film is not None:
         film.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sqlite3
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -98,12 +99,15 @@ class SqliteLedger:
             ledger = cls(sqlite3.connect(path, isolation_level=None))
             (version,) = ledger._db.execute("PRAGMA user_version").fetchone()
             (state,) = ledger._db.execute("PRAGMA quick_check(1)").fetchone()
+            tables = {name for (name,) in ledger._db.execute("SELECT name FROM sqlite_master WHERE type = 'table'")}
         except sqlite3.DatabaseError as error:
             raise InvalidInput(f"{path} is no ledger: {error}") from error
         if version != SCHEMA_VERSION:
             raise InvalidInput(f"{path}: ledger version {version}, this grape reads version {SCHEMA_VERSION}")
         if state != "ok":
             raise InvalidInput(f"{path} is damaged: {state}")
+        if missing := [name for name in re.findall(r"CREATE TABLE (\w+)", _TABLES) if name not in tables]:
+            raise InvalidInput(f"{path} is damaged: without {', '.join(missing)}")
         return ledger
 
     def plants(self) -> tuple[PlantTask, ...]:

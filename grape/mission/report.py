@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import statistics
 from collections.abc import Sequence
 from html import escape
 from pathlib import Path
@@ -15,6 +16,7 @@ from grape.mission.page import document, none, number, picture, section, table, 
 from grape.mission.record import read_events, read_json, write_atomic
 from grape.mission.report_drive import drive_view, estimate_table, load_drive, map_beside_truth
 from grape.mission.report_servo import servo_card, servo_runs
+from grape.mission.result import true_places
 from grape.mission.svg import PALETTE, drawing, label, line_chart, tag
 from grape.site import load_site
 
@@ -53,8 +55,8 @@ def _read_path(path: Path) -> Any:
 def _header(result: dict[str, Any]) -> str:
     truth = result["truth"] or {}
     deployed = sum(plant["outcome"] == "deployed" for plant in result["plants"])
-    cycles = sorted(plant["cycle_s"] for plant in result["plants"] if plant["cycle_s"] is not None)
-    median = cycles[len(cycles) // 2] if cycles else None
+    cycles = [plant["cycle_s"] for plant in result["plants"] if plant["cycle_s"] is not None]
+    median = statistics.median(cycles) if cycles else None
     figures = [
         (f"{deployed} / {len(result['plants'])}", "plants deployed"),
         (str(len(truth["hanging"])) if truth else "–", "hang by the referee"),
@@ -163,8 +165,10 @@ def _account(result: dict[str, Any]) -> str:
     own, truth = result["dispensers"], result["truth"]
     head = ["", "loaded", "on plants", "in the feeder", "on the hand", "lost"]
     rows = [["robot's own account", *(str(own[key]) for key in ("loaded", "deployed", "left", "on_hand", "lost"))]]
-    if truth is not None:
-        seen = [len(truth["hanging"]), truth["in_feeder"], truth["on_hand"], truth["dropped"]]
+    if truth is not None and "places" in truth:
+        places = true_places(truth)
+        hanging = sum(number for place, number in places.items() if place not in ("feeder", "hand", "lost", "stock"))
+        seen = [hanging, places["feeder"], places["hand"], places["lost"]]
         rows.append(["referee", str(sum(seen)), *(str(number) for number in seen)])
     return table(head, rows)
 

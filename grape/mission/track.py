@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from grape.errors import FileError, Problem
 from grape.geometry import yaw_of
 from grape.messages import Array
 from grape.mission.record import cut_torn_line
@@ -91,6 +92,9 @@ class Track:
             self._file.close()
 
     def _take_up(self, path: Path) -> None:
-        for line in path.read_text(encoding="utf-8").splitlines()[1:]:
-            stamp, x, y, yaw, self._distance_m, self._wall_s = (float(value) for value in line.split(","))
+        for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines()[1:], start=2):
+            try:
+                stamp, x, y, yaw, self._distance_m, self._wall_s = (float(value) for value in line.split(","))
+            except ValueError as error:
+                raise FileError([Problem(file=str(path), line=number, got="damaged, no six numbers")]) from error
             self._rows.append((stamp, x, y, yaw))

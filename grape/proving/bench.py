@@ -46,10 +46,10 @@ def bench_command(name: str, file: Path | None, html: Path | None = None) -> Non
     console.print(_table(name, rows))
     if file is not None:
         write_atomic(file, as_json(name, rows))
-        console.print(f"written: {file}", highlight=False, soft_wrap=True)
+        console.print(f"written: {file}", markup=False, highlight=False, soft_wrap=True)
     if html is not None:
         write_atomic(html, page(bench, rows))
-        console.print(f"written: {html}", highlight=False, soft_wrap=True)
+        console.print(f"written: {html}", markup=False, highlight=False, soft_wrap=True)
 
 
 def as_json(name: str, rows: Any) -> str:

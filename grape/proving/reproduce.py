@@ -48,7 +48,9 @@ def reproduce_command(row: str, seeds: str | None, out: Path | None) -> int:
     console.print(_table(experiment, chosen, proof))
     for note in proof.notes:
         console.print(f"- {note}", markup=False, highlight=False)
-    console.print(f"written: {folder / 'reproduce.json'}, reproduce.html", highlight=False, soft_wrap=True)
+    console.print(
+        f"written: {folder / 'reproduce.json'}, reproduce.html", markup=False, highlight=False, soft_wrap=True
+    )
     if not proof.complete:
         console.print(stopped, markup=False, highlight=False, soft_wrap=True)
     return DONE if proof.complete else STOPPED

@@ -13,6 +13,7 @@ import pytest
 
 from grape.campaign.engines import EngineError, LocalEngine, RayEngine, engine_named
 from grape.campaign.plan import Job, make_jobs, make_plan
+from grape.mission.lock import LOCK_FILE, FolderBusy, RunLock
 
 
 def job_that(folder: Path, code: str) -> Job:
@@ -38,6 +39,14 @@ def test_a_job_runs_in_a_process_of_one_thread_and_an_empty_folder(folder: Path)
     wait(engine, job)
     assert engine.ended() == []
     assert job.log.read_text() == "1\n" and not job.folder.exists()
+
+
+def test_a_folder_in_which_a_mission_still_runs_is_left_alone(folder: Path) -> None:
+    job = job_that(folder, "pass")
+    job.folder.mkdir()
+    with RunLock(job.folder), pytest.raises(FolderBusy, match="another process"):
+        LocalEngine().start(job)
+    assert (job.folder / LOCK_FILE).exists()
 
 
 def test_stopping_ends_the_processes(folder: Path) -> None:

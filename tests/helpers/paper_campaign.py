@@ -42,6 +42,7 @@ def write_run(
     job.folder.mkdir(parents=True)
     write_inputs(load_mission("dispenser_deployment", [*job.settings, f"seed={job.seed}"]), job.folder)
     (job.folder / "pictures").mkdir()
+    (job.folder / "report.html").touch()
     cv2.imwrite(str(job.folder / "pictures/001_grasp.png"), np.full((48, 64, 3), 90, np.uint8))
     events: list[dict[str, Any]] = []
     plants = OPEN_LOOP if any("plant_open_loop" in setting for setting in job.settings) else PLANTS

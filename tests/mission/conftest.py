@@ -111,6 +111,7 @@ class FakeBackend:
 
     def verdict(self) -> dict[str, Any]:
         truth = {
+            "places": {"feeder": 7, "hand": 0, "dropped": 0, "stock": 2, "r0v1": 1}, "loaded": 8,
             "hanging": ["r0v1"], "dropped": 0, "in_feeder": 7, "on_hand": 0, "fence_crossings": 0,
             "collisions": [{"a": "link_5", "b": "r0v1/cane", "force_n": 4.2, "time_s": 61.5}],
             "max_plant_force_n": 4.2, "plants": {"r0v1": {"hanging": True, "offset_mm": 6.5}},

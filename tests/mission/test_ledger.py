@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sqlite3
 import subprocess
 import sys
 import time
@@ -86,6 +87,15 @@ def test_files_that_are_no_ledger_are_refused(tmp_path: Path, content: bytes | N
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(InvalidInput):
+        SqliteLedger.open(path)
+
+
+def test_a_ledger_without_one_of_its_tables_is_refused(ledger: SqliteLedger, tmp_path: Path) -> None:
+    ledger.close()
+    path = tmp_path / "ledger.sqlite"
+    with sqlite3.connect(path) as db:
+        db.execute("DROP TABLE facts")
+    with pytest.raises(InvalidInput, match=r"ledger\.sqlite is damaged: without facts"):
         SqliteLedger.open(path)
 
 

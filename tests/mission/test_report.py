@@ -165,5 +165,18 @@ def test_a_chart_without_points_says_so() -> None:
     assert "no data" in line_chart([("a", [], "red")], x_title="x", y_title="y")
 
 
+def test_the_page_counts_every_dispenser_that_the_referee_saw_on_a_plant(page: str, tmp_path: Path) -> None:
+    result = json.loads((tmp_path / "result.json").read_text())
+    result["truth"]["places"]["r0v1"] = 2
+    for plant, cycle in zip(result["plants"], (10.0, 30.0), strict=False):
+        plant["cycle_s"] = cycle
+    (tmp_path / "result.json").write_text(json.dumps(result))
+    write_report(tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    cells = re.findall(r"<td[^>]*>([^<]*)</td>", page[page.index("<td>referee</td>") :])[:6]
+    assert cells == ["referee", "9", "2", "7", "0", "0"]
+    assert "20 s" in page[: page.index("median cycle")], "between both"
+
+
 def test_the_map_shows_where_the_feeder_is_refilled(page: str) -> None:
     assert "refill point refill" in page and ">refill</text>" in page

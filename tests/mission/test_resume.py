@@ -111,6 +111,26 @@ def test_a_run_that_has_ended_stays_as_it_is(tmp_path: Path) -> None:
     assert (job.folder / "result.json").read_text() == content
 
 
+def test_a_report_that_a_kill_has_cut_off_is_written_again(
+    make_runner: Make, backend: Any, mission: Mission, tmp_path: Path
+) -> None:
+    runner, _ = make_runner(lambda context, ticks: Status.SUCCEEDED)
+    finish(mission, runner, backend, tmp_path)
+    (tmp_path / "report.html").unlink()
+    assert not resume_mission(tmp_path).resumed
+    assert (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize("damage", ["0.2,\0\0\n", "0.2,1,2\n", "a,b,c,d,e,f\n"])
+def test_a_damaged_track_is_named_with_its_line(tmp_path: Path, damage: str) -> None:
+    path = tmp_path / "track.csv"
+    Track(path).close()
+    with path.open("a") as file:
+        file.write("0.0,1.0,2.0,0.0,0.0,0.1\n" + damage)
+    with pytest.raises(FileError, match=r"track\.csv:3: damaged"):
+        Track(path)
+
+
 @pytest.mark.parametrize("content", ["", "{", "[]", "{}", "\N{BYTE ORDER MARK}", '{"ended_by": "tree"}'])
 def test_a_damaged_result_is_named(mission: Mission, tmp_path: Path, content: str) -> None:
     write_inputs(mission, tmp_path)
