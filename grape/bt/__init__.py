@@ -2,6 +2,7 @@
 
 from grape.bt.executor import TreeExecutor
 from grape.bt.loader import check_tree, load_tree, node_library
+from grape.bt.merge import merge_includes
 from grape.bt.nodes_model import nodes_model
 from grape.bt.run import Failure, LeafCrashed
 from grape.bt.tree import Node, Tree
@@ -14,6 +15,7 @@ __all__ = [
     "TreeExecutor",
     "check_tree",
     "load_tree",
+    "merge_includes",
     "node_library",
     "nodes_model",
 ]

@@ -11,6 +11,7 @@ from typing import Any
 from grape.bt.builtin import BUILTIN
 from grape.bt.definitions import Definitions, gather
 from grape.bt.expand import Expander, Flow, TooLarge, Use, find_cycles, never_written, type_conflicts
+from grape.bt.merge import too_large_together
 from grape.bt.nodes_model import check_model
 from grape.bt.parse import EXPLICIT, Parsed, Parser
 from grape.bt.ports import Leaf, leaf_ports
@@ -70,7 +71,7 @@ def _load(
     found = gather(path, main)
     parser = Parser(nodes, found.trees)
     parsed = {name: parser.tree(element) for name, element in found.trees.items()}
-    problems = found.problems | parser.problems
+    problems = found.problems | parser.problems | set(too_large_together(found))
     for model in found.models:
         problems |= set(islice(check_model(model, nodes), MOST_PROBLEMS))
     cycles = find_cycles(parsed)

@@ -319,8 +319,14 @@ def refuse_used(out: Path | None) -> None:
 
 
 def write_inputs(mission: Mission, folder: Path) -> None:
-    """Keep exactly what runs: `grape run FOLDER/mission.yaml` repeats it."""
-    write_atomic(folder / "tree.xml", mission.tree.read_text(encoding="utf-8"))
+    """Keep exactly what runs: `grape run FOLDER/mission.yaml` repeats it.
+
+    Raises:
+        FileError: the tree file, or one that it includes, cannot be read.
+    """
+    from grape.bt import merge_includes
+
+    write_atomic(folder / "tree.xml", merge_includes(mission.tree))
     save_site(mission.site, folder / "site.geojson")
     if mission.map is not None and mission.file.map != OF_SITE:
         from grape.mapping import MapFormat, save_map

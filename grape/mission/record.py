@@ -158,8 +158,8 @@ def cut_torn_line(path: Path) -> None:
             file.truncate(whole)
 
 
-def write_atomic(path: Path, text: str) -> None:
-    """Write a text file that appears whole or not at all."""
+def write_atomic(path: Path, content: str | bytes) -> None:
+    """Write a file, text as UTF-8, that appears whole or not at all."""
     part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
+    part.write_bytes(content.encode("utf-8") if isinstance(content, str) else content)
     part.replace(path)

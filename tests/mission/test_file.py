@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import shutil
 from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +12,10 @@ import numpy as np
 import pytest
 
 from grape.actions.core import Context, Feedback, NoResult, action
+from grape.bt import load_tree
 from grape.errors import FileError, InvalidInput
 from grape.mapping import save_map
+from grape.mission.catalog import nodes
 from grape.mission.file import Mission, load_mission
 from grape.mission.launch import identity, make_folder, planned_faults, run_mission, write_inputs
 from grape.sim.faults import FreezeSensor
@@ -268,6 +271,38 @@ def test_the_kept_mission_is_the_same_mission(tmp_path: Path) -> None:
     again = load_mission(str(tmp_path / "mission.yaml"))
     assert (again.plants, again.seed, again.world) == (mission.plants, 5, mission.world)
     assert again.tree == tmp_path / "tree.xml"
+
+
+def test_a_kept_tree_brings_along_the_trees_that_it_includes(mission: Mission, tmp_path: Path) -> None:
+    mine, run, other = tmp_path / "mine", tmp_path / "run", tmp_path / "other"
+    for folder in (mine / "parts", run, other):
+        folder.mkdir(parents=True)
+    base, library = mission.tree.read_text(), nodes(mission.file.task)
+    main = load_tree(mission.tree, library).name
+    (mine / "parts" / "base.xml").write_text(base)
+    (mine / "tree.xml").write_text(
+        '<root BTCPP_format="4" main_tree_to_execute="Mine"><include path="parts/base.xml"/>'
+        f'<BehaviorTree ID="Mine"><SubTree ID="{main}"/></BehaviorTree></root>'
+    )
+    (mine / "mission.yaml").write_text("name: mine\ntree: tree.xml\n")
+    including = load_mission(str(mine / "mission.yaml"))
+    before = load_tree(including.tree, library)
+    write_inputs(including, run)
+    (mine / "parts" / "base.xml").write_text(
+        base.replace("</root>", '<BehaviorTree ID="B"><Retract/></BehaviorTree></root>')
+    )
+    write_inputs(including, other)
+    assert identity(run) != identity(other), "another included tree is another input"
+    shutil.rmtree(mine)
+    after = load_tree(load_mission(str(run / "mission.yaml")).tree, library)
+    assert [node.path for node in after.root.walk()] == [node.path for node in before.root.walk()]
+
+
+def test_a_kept_tree_without_includes_is_the_same_file(mission: Mission, tmp_path: Path) -> None:
+    source = mission.tree.read_bytes().replace(b"\n", b"\r\n")
+    (tmp_path / "mine.xml").write_bytes(source)
+    write_inputs(load_mission("dispenser_deployment", [f"tree={tmp_path / 'mine.xml'}"]), tmp_path)
+    assert (tmp_path / "tree.xml").read_bytes() == source
 
 
 def test_a_kept_surveyed_mission_brings_its_site_along(mission: Mission, tmp_path: Path) -> None:
