@@ -30,7 +30,8 @@ def nodes_model(nodes: Mapping[str, Leaf]) -> str:
             ElementTree.SubElement(element, "MetadataFields")
             ElementTree.SubElement(element[-1], "Metadata", description=leaf.summary)
     ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
+    text: bytes = ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+    return text.decode() + "\n"
 
 
 def _add_port(element: ElementTree.Element, port: Port) -> None:
