@@ -9,9 +9,9 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Iterable
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, fields
-from itertools import pairwise
+from itertools import count, islice, pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -160,11 +160,13 @@ def load_site(path: str | os.PathLike[str]) -> Site:
         return enu_from_geodetic(datum, points[:, 1], points[:, 0])[:, :2]
 
     sides = {item["id"]: item["side"] for item in content.items["row"]}
+    ids = {item["id"] for items in content.items.values() for item in items}
     fences: list[Area] = []
     for item in content.items["fence"]:
         points = local(item["points"])
         rings = [points[:-1]] if item["type"] == "Polygon" else list(_strips(points, item["width_m"]))
-        names = [item["id"]] + [f"{item['id']}#{k}" for k in range(1, len(rings))]
+        names = [item["id"], *islice(_free_ids(item["id"], ids), len(rings) - 1)]
+        ids.update(names)
         fences += [Area(id=name, polygon=ring) for name, ring in zip(names, rings, strict=True)]
     start = content.items["start"][0]
     return Site(
@@ -193,6 +195,11 @@ def _plant(item: dict[str, Any], position: Array, sides: dict[str, Side]) -> Pla
         markers=tuple(item.get("markers") or ()),
         **known,
     )
+
+
+def _free_ids(id: str, taken: Container[str]) -> Iterator[str]:
+    """`id#1`, `id#2`, … as far as nothing has them, cut so that a site file may have them."""
+    return (free for k in count(1) if (free := f"{id[:70]}#{k}") not in taken)
 
 
 def _strips(line: Array, width: float) -> Iterable[Array]:
@@ -238,7 +245,9 @@ def site_to_geojson(site: Site) -> str:
     features += [_feature("Polygon", ring(area), kind="headland", id=area.id) for area in site.headlands]
     features += [_feature("Polygon", ring(area), kind="fence", id=area.id) for area in site.fences]
     heading = round(site.start_heading_rad, 6)
-    features.append(_feature("Point", lon_lat(site.start)[0], kind="start", id="start", yaw_rad=heading))
+    taken = {feature["properties"]["id"] for feature in features} | {refill.id for refill in site.refills}
+    start = "start" if "start" not in taken else next(_free_ids("start", taken))
+    features.append(_feature("Point", lon_lat(site.start)[0], kind="start", id=start, yaw_rad=heading))
     for refill in site.refills:
         yaw = round(refill.yaw_rad, 6)
         features.append(_feature("Point", lon_lat(refill.position)[0], kind="refill", id=refill.id, yaw_rad=yaw))

@@ -23,6 +23,8 @@ GEOMETRIES = {
     "refill": ("Point",),
 }
 PLANTS = ("vine", "nail")
+FEEDER, HAND, LOST, STOCK, DROPPED = "feeder", "hand", "lost", "stock", "dropped"
+PLACES = (FEEDER, HAND, LOST, STOCK, DROPPED)  # of dispensers, in accounts where ids of plants are places too
 SIDES = ("left", "right")
 MOST_CORNERS = 10_000  # of a ring, whose every side is held against every other
 _MARKER_IDS = range(0, 50)  # DICT_4X4_50
@@ -81,6 +83,9 @@ def _properties(item: dict[str, Any], properties: dict[str, Any], at: Key, repor
             report.add((*at, "side"), f"got side {short(side)}", "left or right of the row's direction", hint)
         item["side"] = side
     if kind in PLANTS:
+        if item["id"] in PLACES:
+            allowed = f"any id but {', '.join(PLACES)}, which the account has for places of dispensers"
+            report.add((*at, "id"), f"got id {item['id']!r}", allowed)
         item["row"] = _text(properties, "row", at, report)
     if kind == "nail":
         item["height_m"] = _number(properties, "height_m", 0.05, 3.0, at, report)

@@ -8,6 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
+from grape import site_features
 from grape.messages import Array
 from grape.sim.areas import passes_through
 from grape.sim.compose import DISPENSER
@@ -29,10 +30,10 @@ class DispenserPlace(StrEnum):
     """Where a dispenser is."""
 
     PLANT = "plant"
-    FEEDER = "feeder"
-    HAND = "hand"
-    DROPPED = "dropped"
-    STOCK = "stock"  # not in play yet
+    FEEDER = site_features.FEEDER
+    HAND = site_features.HAND
+    DROPPED = site_features.DROPPED
+    STOCK = site_features.STOCK  # not in play yet
 
 
 @dataclass(frozen=True, kw_only=True)

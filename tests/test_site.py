@@ -2,12 +2,14 @@ import json
 
 import numpy as np
 import pytest
+from paper_names import NAMES, with_names
 
 from grape.config import parse_yaml
 from grape.errors import FileError, InvalidInput
 from grape.geodesy import Datum, geodetic_from_enu
 from grape.site import Area, Plant, RefillPoint, Row, Site, load_site, save_site
 from grape.site_check import _places
+from grape.site_features import PLACES
 
 DATUM = Datum(latitude_deg=42.3415, longitude_deg=3.0632, altitude_m=60.0)
 
@@ -276,6 +278,44 @@ def test_of_very_many_problems_the_first_are_reported(document, problems_of):
 def test_ids_that_cannot_be_shown_are_refused(document, problems_of, id):
     document["features"][0]["properties"]["id"] = id
     assert "printable" in problems_of(document)[0].allowed
+
+
+@pytest.mark.parametrize("word", PLACES)
+@pytest.mark.parametrize("plant", ["r0v0", "r0n0"])
+def test_no_plant_is_called_as_a_place_of_dispensers(document, problems_of, plant, word):
+    feature(document, plant)["properties"]["id"] = word
+    (problem,) = problems_of(document)
+    assert problem.got == f"got id {word!r}" and "feeder, hand, lost, stock, dropped" in problem.allowed
+    assert problem.file.endswith("site.geojson")
+    assert json.dumps(document, indent=1).splitlines()[problem.line - 1].strip() == f'"id": "{word}",'
+
+
+def test_what_is_no_plant_may_be_called_as_a_place_of_dispensers(document, tmp_path):
+    feature(document, "shed")["properties"]["id"] = "feeder"
+    (tmp_path / "b.geojson").write_text(json.dumps(document))
+    assert load_site(tmp_path / "b.geojson").refills[0].id == "feeder"
+
+
+@pytest.mark.parametrize("first", range(len(NAMES)))
+def test_growers_keep_their_names(tmp_path, first):
+    names = NAMES[first : first + 3]
+    save_site(with_names(small_site(), names), tmp_path / "a.geojson")
+    assert [plant.id for plant in load_site(tmp_path / "a.geojson").plants][: len(names)] == [*names]
+
+
+def test_pieces_of_a_fence_and_the_start_leave_the_names_of_others_alone(document, tmp_path):
+    points = geodetic_from_enu(DATUM, np.array([[0.0, 5.0, 0.0], [4.0, 5.0, 0.0], [4.0, 8.0, 0.0]]))
+    line = {"type": "LineString", "coordinates": [[lon, lat] for lat, lon, _ in points]}
+    feature(document, "f0").update(geometry=line, properties={"kind": "fence", "id": "f0", "width_m": 0.6})
+    feature(document, "west").update(geometry=line, properties={"kind": "fence", "id": "f" * 80, "width_m": 0.6})
+    feature(document, "start")["properties"]["id"] = "gate"
+    feature(document, "r0v0")["properties"]["id"] = "start"
+    feature(document, "r1v0")["properties"]["id"] = "f0#1"
+    (tmp_path / "a.geojson").write_text(json.dumps(document))
+    site = load_site(tmp_path / "a.geojson")
+    assert {fence.id for fence in site.fences} == {"f0", "f0#2", "f" * 80, "f" * 70 + "#1"}
+    save_site(site, tmp_path / "b.geojson")
+    assert [plant.id for plant in load_site(tmp_path / "b.geojson").plants] == ["start", "r0n0", "f0#1"]
 
 
 def test_a_marker_belongs_to_one_nail(document, problems_of):

@@ -79,7 +79,7 @@ def _table(standing: Standing) -> RenderableType:
     table = Table("seed", "varied", "as it stands")
     for job in standing.running:
         varied = " ".join(value for value in job.varied.values())
-        table.add_row(str(job.seed), varied, Text(_last_line(job), overflow="ellipsis", no_wrap=True))
+        table.add_row(str(job.seed), Text(varied), Text(_last_line(job), overflow="ellipsis", no_wrap=True))
     return Group(table, Text(standing.line, "bold")) if standing.running else Text(standing.line, "bold")
 
 

@@ -51,7 +51,7 @@ class ProgressDisplay(LiveDisplay):
             self.live.update(live_line(progress, self.console.width), refresh=True)
         elif progress.wall_time_s >= self._next_line_s:
             self._next_line_s = progress.wall_time_s + PLAIN_PERIOD_S
-            self.console.print(plain_line(progress), highlight=False, soft_wrap=True)
+            self.console.print(Text(plain_line(progress)), highlight=False, soft_wrap=True)
 
 
 def plain_line(progress: Progress) -> str:
@@ -93,19 +93,19 @@ def summary(result: dict[str, Any]) -> Table:
         cycle = plant["cycle_s"]
         hangs = "" if not truth else "yes" if plant["id"] in truth["hanging"] else "no"
         table.add_row(
-            plant["id"],
+            Text(plant["id"]),
             plant["mode"],
             Text(outcome, COLOURS.get(outcome, "red")),
             str(plant["attempts"]),
             "" if cycle is None else f"{cycle:.0f} s",
             "" if servo is None else f"{servo:.1f} px",
             hangs,
-            plant["reason"],
+            Text(plant["reason"]),
         )
     return table
 
 
-def _caption(result: dict[str, Any]) -> str:
+def _caption(result: dict[str, Any]) -> Text:
     account, truth = result["dispensers"], result.get("truth") or {}
     rmse = result["localization"]["position_rmse_m"]
     took = f"{result['wall_time_s']:.1f} s"
@@ -116,4 +116,4 @@ def _caption(result: dict[str, Any]) -> str:
         + (f"; the referee sees {len(truth['hanging'])} hanging" if truth else ""),
         took + (f", position error {rmse:.3f} m RMS" if rmse is not None else ""),
     ]
-    return "\n".join([*lines, *([result["detail"]] if result.get("detail") else [])])
+    return Text("\n".join([*lines, *([result["detail"]] if result.get("detail") else [])]), "table.caption")

@@ -38,9 +38,9 @@ Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", max_length=
 
 
 class PlantGoal(Model):
-    """One plant to serve; `auto` takes the nail where there is one, else the plant in closed loop."""
+    """One plant of the site to serve; `auto` takes the nail where there is one, else the plant in closed loop."""
 
-    plant: Name
+    plant: str
     mode: Mode = "auto"
 
 

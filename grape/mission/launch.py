@@ -334,6 +334,7 @@ def write_inputs(mission: Mission, folder: Path) -> None:
         save_map(mission.map, folder / MAP_FILE, MapFormat(mode="raw"))
     yaml = YAML(typ="safe", pure=True)
     yaml.default_flow_style = False
+    yaml.width = 10_000  # a long text stays on its line: where it is folded, all but one of several spaces are lost
     yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
     text = io.StringIO()
     yaml.dump({**mission.resolved(), "tree": "tree.xml"}, text)

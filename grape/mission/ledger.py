@@ -12,9 +12,9 @@ from typing import Any
 
 from grape.actions.core import Outcome, PlantTask, Step
 from grape.errors import InvalidInput, with_suggestion
+from grape.site_features import FEEDER, HAND, LOST, PLACES, STOCK
 
 SCHEMA_VERSION = 3
-FEEDER, HAND, LOST, STOCK = "feeder", "hand", "lost", "stock"
 _TABLES = """
 CREATE TABLE plants (
     position INTEGER PRIMARY KEY, plant TEXT NOT NULL UNIQUE, mode TEXT NOT NULL,
@@ -63,7 +63,7 @@ class SqliteLedger:
         """
         rows = [(k, plant, mode) for k, (plant, mode) in enumerate(plants)]
         names = [plant for _, plant, _ in rows]
-        twice = sorted({name for name in names if names.count(name) > 1} | ({FEEDER, HAND, LOST, STOCK} & set(names)))
+        twice = sorted({name for name in names if names.count(name) > 1} | (set(PLACES) & set(names)))
         if twice:
             raise InvalidInput(f"plants must have ids of their own, got {', '.join(twice)} twice or as a reserved name")
         if min(loaded, stock) < 0:

@@ -13,6 +13,7 @@ from grape.mission.file import Mission
 from grape.mission.ledger import SqliteLedger
 from grape.mission.record import plain, write_atomic
 from grape.mission.runner import Finding
+from grape.site_features import DROPPED, LOST, STOCK
 
 SCHEMA = "grape.result/1"
 STILL_THERE_S = 0.1  # a drive that took no longer: the base had not moved since an interruption
@@ -148,8 +149,8 @@ def true_places(truth: Mapping[str, Any]) -> dict[str, int]:
 
     Those that are not in play yet do not count.
     """
-    places = {place: number for place, number in truth["places"].items() if place != "stock"}
-    return {"lost" if place == "dropped" else place: number for place, number in places.items()}
+    places = {place: number for place, number in truth["places"].items() if place != STOCK}
+    return {LOST if place == DROPPED else place: number for place, number in places.items()}
 
 
 def misplaced(account: Mapping[str, int], seen: Mapping[str, int]) -> dict[str, int]:

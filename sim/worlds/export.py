@@ -1,7 +1,7 @@
 """The world as a MuJoCo specification: static geoms in the world body, to which a robot is then attached.
 
 Geoms are named as the world's pieces (`r0v3/spur2`, `r0n1/nail`, `r0/post1`, `r0/wire0_0`, `ground`), so a contact
-tells which plant was touched: `geom_name.partition("/")[0]`.
+tells which plant was touched: `geom_name.rpartition("/")[0]`.
 
 Contact bits, as the robot package defines them: world pieces have contype 1 and conaffinity 4. Buds, weeds and marker
 plates are seen but never touched: weeds yield in reality, and buds are smaller than the contact model's accuracy.
@@ -92,9 +92,12 @@ class _Bodies:
 
 
 def _owner(geom: str) -> str:
-    """The thing that a geom belongs to: a plant, or a post or wire by itself."""
-    owner, _, part = geom.partition("/")
-    return geom if part.startswith(("post", "wire")) else owner
+    """Name of the thing that a geom belongs to: a plant (`r0v3/`), a row's weeds (`r0/`), or a post or wire by itself.
+
+    The slash at the end keeps ids, in which anything may stand, apart from each other's parts and from the ground.
+    """
+    owner, slash, part = geom.rpartition("/")
+    return geom if part.startswith(("post", "wire")) else owner + slash
 
 
 def _look(spec: mujoco.MjSpec, sun: Sun) -> None:

@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import sys
+from html import escape
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 from paper_campaign import PaperEngine, write_run
+from rich.console import Console
 
 from grape import cli
 from grape.campaign.command import read_campaign, run_campaign
 from grape.campaign.plan import Job, make_jobs, make_plan
 from grape.campaign.reading import Check, read_run
 from grape.campaign.summary import confusion
+from grape.campaign.watch import Standing, StandingDisplay
 from grape.errors import InvalidInput
 from grape.mission.lock import RunLock
 
@@ -107,6 +111,34 @@ def test_failures_have_a_cause_a_picture_and_a_command(summary: Any) -> None:
         {"action": "account", "reason": "lost unnoticed", "times": 1, "plants": 1},
         {"action": "ServoToSpur", "reason": "feature_lost", "times": 1, "plants": 0},
     ]
+
+
+def test_failures_tell_growers_names_of_plants_as_they_are(folder: Path) -> None:
+    names = {"r0v1": "<b>x", "r0n0": "a/b [red]é"}
+
+    def write(job: Job) -> None:
+        two_bad_missions(job)
+        for path in (job.folder / "result.json", job.folder / "events.jsonl"):
+            text = path.read_text()
+            for old, name in names.items():
+                text = text.replace(json.dumps(old), json.dumps(name))
+            path.write_text(text)
+
+    run_campaign(PLAN, range(1, 3), folder, PaperEngine(write))
+    no_spur, miscount, lost = json.loads((folder / "campaign.json").read_text())["failures"]
+    assert (no_spur["plant"], no_spur["time_s"], miscount["plant"]) == ("<b>x", 30.0, "a/b [red]é")
+    assert "1 at a/b [red]é" in lost["detail"]
+    page = (folder / "report.html").read_text()
+    assert "<b>x" not in page and all(f"{escape(name)} (" in page for name in names.values())
+
+
+def test_what_is_varied_is_shown_as_it_is_while_missions_run(folder: Path) -> None:
+    jobs = make_jobs(make_plan("dispenser_deployment", [], ['plants.0.plant="[red]y","[/b]"']), range(2), folder)
+    console = Console(file=io.StringIO(), force_terminal=True, width=120)
+    with StandingDisplay(console) as display:
+        display.show(Standing(jobs=jobs, running=jobs))
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    assert '"[red]y"' in shown and '"[/b]"' in shown
 
 
 def test_times_by_phase(summary: Any) -> None:

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from paper_campaign import write_run
+from paper_names import NAMES
 
 from grape.campaign.plan import PLAN_FILE, keep_plan, make_jobs, make_plan, parse_variation
 from grape.errors import FileError, InvalidInput
@@ -30,6 +31,13 @@ def test_a_job_can_be_run_again_by_one_command(folder: Path) -> None:
         "grape", "run", MISSION, "--seed", "7", "--set", "name=a b", "--set", "world.sun=low",
     ]  # fmt: skip
     assert job.command[3:] == (*shlex.split(job.replay)[1:], "--out", str(folder / "seed7"))
+
+
+def test_a_job_with_growers_names_of_plants_can_be_run_again(folder: Path) -> None:
+    setting = f"plants={json.dumps([{'plant': name} for name in NAMES], ensure_ascii=False)}"
+    (job,) = make_jobs(make_plan(MISSION, [setting], []), range(7, 8), folder)
+    assert shlex.split(job.replay)[-2:] == ["--set", setting]
+    assert setting in job.command
 
 
 @pytest.mark.parametrize("text", ["world.sun", "=a", "world.sun=", "world.sun=low,,noon", "world.sun=low,low"])

@@ -69,7 +69,7 @@ def test_unknown_plants_and_outcomes_are_refused(ledger: SqliteLedger) -> None:
         ledger.finish("r0v1", "hung")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("plants", [[("a", "nail"), ("a", "plant")], [("hand", "nail")]])
+@pytest.mark.parametrize("plants", [[("a", "nail"), ("a", "plant")], [("hand", "nail")], [("dropped", "nail")]])
 def test_ids_must_be_unique_and_no_reserved_names(tmp_path: Path, plants: list[tuple[str, str]]) -> None:
     with pytest.raises(InvalidInput, match="ids of their own"):
         SqliteLedger.create(tmp_path / "x.sqlite", plants, 8)

@@ -95,7 +95,7 @@ def test_far_bodies_are_hidden_and_the_ground_stays(simulate):
     simulation.advance()
     model = simulation._physics.model
     hidden = hidden_bodies(model)
-    assert hidden[model.body("world/r0v1").id]
+    assert hidden[model.body("world/r0v1/").id]
     assert not hidden[model.body("world/ground").id]
     assert not hidden[model.body("wheel_front_left").id]
     assert hidden[model.body("dispenser_0_p2").id], "a tube in the feeder has nothing near"

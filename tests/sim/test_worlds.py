@@ -4,10 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from paper_names import NAMES, with_names
 
 from grape.config import Document, validate_options
 from grape.errors import FileError, InvalidInput
 from grape.geometry import inverse, pose, transform
+from grape.robots.husky_jaco2 import DESCRIPTION
+from grape.sim.compose import compose
+from grape.sim.parts import PartTable
 from grape.sim.worlds import (
     Label,
     VineyardOptions,
@@ -237,6 +241,19 @@ def test_the_physics_model_attributes_its_geoms_to_plants(world):
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     assert data.ncon == 0
+
+
+def test_the_physics_model_takes_every_name_that_a_plant_may_have():
+    options = VineyardOptions(rows=2, vines_per_row=6, nails_per_row=1)
+    world = grow_world(with_names(vineyard_site(options)), options)
+    ids = {plant.id for plant in world.site.plants}
+    assert ids > {*NAMES}
+    world_spec(world).compile()
+    model = compose(world, DESCRIPTION, 1)
+    plants = PartTable.of(model, world, DESCRIPTION).plants
+    bodies = {(plant, int(body)) for plant, body in zip(plants, model.geom_bodyid, strict=True) if plant}
+    assert {plant for plant, _ in bodies} == ids
+    assert len(bodies) == len({body for _, body in bodies}) == len(ids), "each plant is a body of its own"
 
 
 def test_the_physics_ground_is_the_worlds_ground(world):
