@@ -80,7 +80,7 @@ def summary(result: dict[str, Any]) -> Table:
     """A table of plants, and the mission's outcome as its title and caption."""
     status = str(result["status"])
     title = Text(f"{result['mission']}  seed {result['seed']}: ").append(status, COLOURS.get(status, ""))
-    table = Table(title=title, caption=Text(_caption(result)), caption_justify="left", title_justify="left")
+    table = Table(title=title, caption=_caption(result), caption_justify="left", title_justify="left")
     for name in ("plant", "mode", "outcome"):
         table.add_column(name)
     for name in ("attempts", "cycle", "servo"):
