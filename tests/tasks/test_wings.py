@@ -6,7 +6,7 @@ import pytest
 from grape.errors import InvalidInput
 from grape.geometry import inverse, pose, rotation_z, transform
 from grape.messages import CameraInfo, RgbdImage
-from grape.tasks.dispenser.perception.wings import HungExpectation, HungOptions, Vote, held, hung
+from grape.tasks.dispenser.perception.wings import HungExpectation, HungOptions, held, hung
 
 RED_SOIL = ".60 .27 .17"
 LIGHTS = [("noon", ".45 .36 .25"), ("overcast", ".45 .36 .25"), ("low", RED_SOIL), ("noon", RED_SOIL)]
@@ -161,21 +161,3 @@ def test_an_expectation_needs_points_and_positive_radii():
         HungExpectation(target=np.array([np.nan, 0, 0]))
     with pytest.raises(InvalidInput, match="radii"):
         HungExpectation(radius_m=0.0)
-
-
-def test_a_vote_is_decided_by_the_majority_as_soon_as_it_is_certain():
-    vote = Vote(frames=5)
-    for decision in (True, False, True):
-        vote = vote.add(decision)
-        assert vote.result is None
-    assert vote.add(True).result is True
-    assert vote.add(False).add(False).result is False
-
-
-def test_a_tie_is_no_and_a_full_vote_takes_no_more():
-    vote = Vote(frames=2).add(True).add(False)
-    assert vote.result is False
-    with pytest.raises(InvalidInput, match="vote"):
-        vote.add(True)
-    with pytest.raises(InvalidInput, match="vote"):
-        Vote(frames=0)

@@ -1,7 +1,7 @@
 """What the red wings of a dispenser tell: it is held by the nails, it hangs on the vine.
 
-All decisions look at one registered colour and depth image; `Vote` settles them over several. Places are in the
-camera's optical frame (x right, y down, z forward) unless said otherwise.
+All decisions look at one registered colour and depth image. Places are in the camera's optical frame (x right, y down,
+z forward) unless said otherwise.
 """
 
 from __future__ import annotations
@@ -143,34 +143,3 @@ def hung(image: RgbdImage, expectation: HungExpectation | None = None, options: 
     if len(blobs) < options.wings:
         return Check(value=False, reason=f"{len(blobs)} wings at the target, {options.wings} needed", blobs=blobs)
     return Check(value=True, reason="", blobs=blobs)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Vote:
-    """Majority over `frames` decisions; frozen: `add` returns the next state.
-
-    `result` is None while open, and known as soon as no further frame can change it. A tie is no.
-    """
-
-    frames: int = 50
-    yes: int = 0
-    no: int = 0
-
-    def __post_init__(self) -> None:
-        if self.frames < 1 or self.yes < 0 or self.no < 0 or self.yes + self.no > self.frames:
-            raise InvalidInput(f"a vote needs 0 <= yes + no <= frames, at least one frame, got {self}")
-
-    def add(self, decision: bool) -> Vote:
-        """The vote with one more frame.
-
-        Raises:
-            InvalidInput: all frames are counted already.
-        """
-        return Vote(frames=self.frames, yes=self.yes + bool(decision), no=self.no + (not decision))
-
-    @property
-    def result(self) -> bool | None:
-        """True or False when decided, None while it is open."""
-        if 2 * self.yes > self.frames:
-            return True
-        return False if 2 * self.no >= self.frames else None
