@@ -20,7 +20,13 @@ from grape.drivers import ArmDriver, GripperDriver
 from grape.errors import ActionFailed
 from grape.geometry import inverse, pose
 from grape.messages import Array
-from grape.tasks.dispenser.actions.withdraw_hand import CLEAR_M, WithdrawHandGoal, complete_release, take_back
+from grape.tasks.dispenser.actions.withdraw_hand import (
+    CLEAR_M,
+    WithdrawHandGoal,
+    complete_release,
+    take_back,
+    tell_hindered,
+)
 from grape.tasks.dispenser.fingers import CAREFUL_S, CLOSE_S, turn_fingers
 from grape.tasks.dispenser.targets import AIM_DEPTH_M, FELT_MAX, RETREAT_M, HangTarget
 
@@ -87,7 +93,7 @@ def _let_go(
         except (FingersStuck, HandPressed):
             raise
         except ActionFailed as failed:
-            ctx.log.event("release_hindered", reason=str(failed.reason), detail=failed.detail)
+            tell_hindered(ctx, failed)
 
 
 def _release(

@@ -154,13 +154,13 @@ def _complete_or_take_back(
     try:
         yield from complete_release(goal, ctx, arm, fingers, target)
     except HandPressed as pressed:
-        _tell_hindered(ctx, pressed)
+        tell_hindered(ctx, pressed)
         yield from take_back(ctx, arm, fingers, target, T_base_nails)
     except FingersStuck as stuck:
-        _tell_hindered(ctx, stuck)
+        tell_hindered(ctx, stuck)
         yield from leave(ctx, arm, target.approach, CLEAR_M + AIM_DEPTH_M)
     except ActionFailed as failed:
-        _tell_hindered(ctx, failed)
+        tell_hindered(ctx, failed)
 
 
 def take_back(
@@ -182,8 +182,13 @@ def take_back(
             status="opening the fingers again", options=HandPathOptions(calibrated=True),
         )  # fmt: skip
     except ActionFailed as failed:
-        _tell_hindered(ctx, failed)
+        tell_hindered(ctx, failed)
     yield from leave(ctx, arm, target.approach, CLEAR_M + AIM_DEPTH_M)
+
+
+def tell_hindered(ctx: Context, failed: ActionFailed) -> None:
+    """Writes down what kept a release from going as it should; what came of it a look tells."""
+    ctx.log.event("release_hindered", reason=str(failed.reason), detail=failed.detail)
 
 
 def _off_the_tip(ctx: Context, arm: ArmDriver, target: HangTarget) -> Generator[Feedback, None, None]:
@@ -207,10 +212,6 @@ def _over(ctx: Context, target: HangTarget) -> Array:
 def _backed_off(ctx: Context, target: HangTarget) -> float:
     """How far (m) the hand is along the approach from where the loop is over the tip."""
     return float((ctx.robot.hand_pose(ctx.world.joints()) - _over(ctx, target))[:3, 3] @ target.approach)
-
-
-def _tell_hindered(ctx: Context, failed: ActionFailed) -> None:
-    ctx.log.event("release_hindered", reason=str(failed.reason), detail=failed.detail)
 
 
 def _nails(ctx: Context, angle: float) -> Array:
