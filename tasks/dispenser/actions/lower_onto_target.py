@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
 from grape.actions.core import Context, Feedback, action
-from grape.actions.hand_path import HandPathOptions, HandPressed, follow_hand_path, straight
+from grape.actions.hand_path import HandPathOptions, follow_hand_path, straight
 from grape.actions.servoing import go_straight
+from grape.errors import ActionFailed
 from grape.tasks.dispenser.targets import FELT_MAX, HangTarget
 
 
@@ -32,7 +34,7 @@ class LowerOntoTargetResult:
 def lower_onto_target(goal: LowerOntoTargetGoal, ctx: Context) -> Generator[Feedback, None, LowerOntoTargetResult]:
     """Moves straight from the stand-off to the deployment pose, open loop: it is as good as cloud and arm are.
 
-    What the arm feels to touch on its way it leaves the way it came; that fails with CONTACT.
+    Where it fails on its way, as with CONTACT when the arm feels to touch something, it leaves the way it came.
     """
     robot = ctx.robot
     T_hand_nails = robot.hand.T_hand_nails(robot.description.gripper.open_angle)
@@ -45,7 +47,8 @@ def lower_onto_target(goal: LowerOntoTargetGoal, ctx: Context) -> Generator[Feed
                 ctx, arm, straight(T_start, T_end, duration), duration, status="lowering onto the target",
                 options=HandPathOptions(felt_max=FELT_MAX),
             )  # fmt: skip
-        except HandPressed:
-            yield from go_straight(ctx, arm, T_start, status="leaving what was touched")
+        except ActionFailed:
+            with suppress(ActionFailed):  # what failed first is what to tell
+                yield from go_straight(ctx, arm, T_start, status="back from the target")
             raise
     return LowerOntoTargetResult(reached=goal.target)

@@ -215,6 +215,41 @@ def test_a_hand_that_touches_while_it_is_lowered_goes_back(bench: Bench, task: S
     assert lowest > 0.03 and np.linalg.norm(pose_error(begin, bench.hand)) < 0.002, "and no farther"
 
 
+@pytest.mark.parametrize("reason", [Reason.CONTACT, Reason.TRACKING_ERROR, Reason.CABLE_BUDGET])
+def test_a_hand_that_fails_while_it_is_lowered_goes_back(
+    bench: Bench, task: SimpleNamespace, monkeypatch: pytest.MonkeyPatch, reason: Reason
+) -> None:
+    target = task.spur_target(bench)
+    task.at_target(bench, target, 0.10)
+    begin, send = bench.hand, bench.arm.send
+
+    def fail_once(velocity):
+        if np.linalg.norm(bench.hand[:3, 3] - begin[:3, 3]) > 0.06:
+            bench.arm.send = send
+            raise ActionFailed(reason, "halfway down")
+        return send(velocity)
+
+    monkeypatch.setattr(bench.arm, "send", fail_once)
+    assert bench.failure(lower_onto_target(LowerOntoTargetGoal(target=target), bench.ctx)).reason is reason
+    assert np.linalg.norm(pose_error(begin, bench.hand)) < 0.002
+
+
+def test_a_hand_that_cannot_go_back_either_tells_what_failed_first(
+    bench: Bench, task: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    target = task.spur_target(bench)
+    task.at_target(bench, target, 0.10)
+    failures = iter([ActionFailed(Reason.CONTACT, "on the way"), ActionFailed(Reason.TRACKING_ERROR, "going back")])
+
+    def fail(velocity):
+        raise next(failures)
+
+    monkeypatch.setattr(bench.arm, "send", fail)
+    failure = bench.failure(lower_onto_target(LowerOntoTargetGoal(target=target), bench.ctx))
+    assert (failure.reason, failure.detail) == (Reason.CONTACT, "on the way")
+    assert next(failures, None) is None and bench.ctx.arm.owner is None
+
+
 def test_nails_stay_in_place_while_the_fingers_close_then_back_off(bench: Bench, task: SimpleNamespace) -> None:
     target = before_a_nail(bench, task)
     begin, track = (bench.hand @ nails(bench))[:3, 3], []
