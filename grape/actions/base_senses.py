@@ -23,7 +23,7 @@ from grape.navigation.surroundings import Surroundings
 SCAN_PERIOD_S = 0.10
 CLOUD_PERIOD_S = 0.30
 MAP_PERIOD_S = 0.20
-MAX_AGE_S = 0.30  # of pose and scan
+MAX_AGE_S = 0.30  # of pose, scan and cloud
 PATIENCE_S = 1.0  # with stale data, standing
 LOST_S = 45.0  # standing until the pose is good enough again: a receiver without integer fix gets it back within 30 s
 
@@ -86,8 +86,8 @@ class BaseSenses:
         """(3,) x y yaw of base_link in map, the newest estimate."""
         return base_pose(self._ctx)
 
-    def fresh(self, now: float) -> bool:
-        """Whether pose and scans are young enough to move by.
+    def fresh(self, now: float, *, clouds: bool = False) -> bool:
+        """Whether pose and scans, and `clouds` where there are sensors of such, are young enough to move by.
 
         Raises:
             ActionFailed: STALE_DATA or NOT_LOCALIZED, when they stay too old.
@@ -96,7 +96,9 @@ class BaseSenses:
         old = ""
         if odometry is None or now - odometry.stamp > MAX_AGE_S:
             old = "pose estimate"
-        for name, driver in self._ctx.drivers.scans.items():
+        drivers = self._ctx.drivers
+        sensors: dict[str, Any] = {**drivers.scans, **(drivers.clouds if clouds else {})}
+        for name, driver in sensors.items():
             if self._on_base(name):
                 try:
                     driver.latest(MAX_AGE_S)

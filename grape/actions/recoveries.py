@@ -167,7 +167,7 @@ def _move(
 
     Raises:
         ActionFailed: BLOCKED, when the ground ahead is occupied, or for a while the base's guard lets nothing through
-            or the base does not get on; STALE_DATA or NOT_LOCALIZED.
+            or the base does not get on; STALE_DATA, of clouds too on the way back, or NOT_LOCALIZED.
     """
     senses = BaseSenses(ctx, base_pose(ctx)[None])
     limits = ctx.robot.description.base
@@ -178,7 +178,7 @@ def _move(
     with ctx.base.lease(owner) as base:
         while (left := wanted - done()) > 1e-3:
             now = ctx.clock.now()
-            fresh = senses.fresh(now)
+            fresh = senses.fresh(now, clouds=velocity[0] < 0.0)  # the rear may be seen by them alone
             if fresh:
                 senses.update()
                 _refuse_occupied(senses, velocity)

@@ -53,7 +53,7 @@ class Bench:
     def __init__(self, *fences: Array) -> None:
         self.moving, self.braking = np.zeros(2), 0.01 if fences else np.inf
         self.time_s, self.pose = 0.0, np.array([-3.0, -2.0, 0.0])
-        self.held = self.silent = False
+        self.held = self.silent = self.cloudless = False
         self.sent: list[tuple[float, float]] = []
         self.stops = 0
         self.cloud = np.empty((0, 3))  # in base_link at the start
@@ -101,6 +101,8 @@ class Bench:
         )
 
     def points(self, max_age_s: float | None = None) -> PointCloud:
+        if self.cloudless:
+            raise StaleData("velodyne: nothing")
         T_sensor = DESCRIPTION.T_base_link_sensor("velodyne")
         return PointCloud(stamp=self.time_s, points=self.cloud - T_sensor[:3, 3])
 
@@ -275,6 +277,30 @@ def test_silent_laser_stands_and_ends_the_recovery(bench):
     with pytest.raises(ActionFailed) as failed:
         bench.run(back_off(BackOffGoal(distance=3.0), bench.ctx), fail)
     assert failed.value.reason is Reason.STALE_DATA
+
+
+@pytest.mark.parametrize("from_s", [0.0, 1.0])
+def test_nothing_backs_off_blind_while_the_sensor_that_sees_the_rear_is_silent(bench, from_s):
+    def fall_silent(now: float) -> None:
+        bench.cloudless = now >= from_s
+        if now > from_s + 0.5:
+            assert bench.sent[-1] == (0.0, 0.0)
+
+    fall_silent(0.0)
+    with pytest.raises(ActionFailed) as failed:
+        bench.run(back_off(BackOffGoal(distance=3.0), bench.ctx), fall_silent)
+    assert failed.value.reason is Reason.STALE_DATA and "velodyne" in failed.value.detail
+    assert bench.pose[0] > -3.0 - 0.2 * from_s - 0.1
+
+
+def test_a_turn_goes_on_without_the_sensor_that_sees_the_rear(bench):
+    bench.cloudless = True
+    bench.run(turn(TurnGoal(angle=1.0), bench.ctx))
+
+
+def test_a_robot_without_clouds_backs_off_by_its_scans(bench):
+    bench.ctx.drivers = replace(bench.ctx.drivers, clouds={})
+    assert bench.run(back_off(BackOffGoal(distance=0.6), bench.ctx)).backed_m == pytest.approx(0.6, abs=0.01)
 
 
 def test_preempted_recovery_stops_the_base(bench):
