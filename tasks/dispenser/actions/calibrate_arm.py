@@ -9,8 +9,10 @@ import numpy as np
 
 from grape.actions.calibration import calibrate, remember_offsets
 from grape.actions.core import Context, Feedback, NoResult, action
+from grape.actions.hand_path import JOINT_OFFSETS
 from grape.actions.looking import next_image
 from grape.actions.move_arm import move_to_pose
+from grape.actions.obstacles import OBSTACLES
 from grape.actions.servoing import camera_mount
 from grape.control.joint_offsets import joint_offsets
 from grape.drivers import ArmDriver
@@ -45,10 +47,13 @@ class CalibrateArmGoal:
 def calibrate_arm(goal: CalibrateArmGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
     """Looks at the feeder's markers from places around it, and takes off what the encoders tell too much from then on.
 
-    Where it was done already, it ends at once. FEATURE_LOST when too few looks show the markers.
+    Where it was done already, it ends at once. So it does while something is in use that was seen before, as after an
+    interruption: what servoing shows there is adopted when the base drives on. FEATURE_LOST when too few looks show the
+    markers.
     """
     yield Feedback(status="calibrating the arm")
-    if goal.skip or ctx.world.encoder_offsets is not None:
+    in_use = any(name in ctx.world.committed for name in (OBSTACLES, JOINT_OFFSETS))
+    if goal.skip or in_use or ctx.world.encoder_offsets is not None:
         return NoResult()
     places = _places(goal, ctx)
     postures, poses = [], []

@@ -8,10 +8,14 @@ import numpy as np
 import pytest
 from paper_robot import Bench
 
+from grape.actions.account import RESUMED
 from grape.actions.calibration import ENCODER_OFFSETS, adopt_offsets, recall_offsets, remember_offsets
-from grape.actions.hand_path import JOINT_OFFSETS
+from grape.actions.hand_path import JOINT_OFFSETS, calibrated_joints
+from grape.actions.obstacles import OBSTACLES, Obstacles
 from grape.errors import Reason
 from grape.tasks.dispenser.actions.calibrate_arm import CalibrateArmGoal, calibrate_arm
+from grape.tasks.dispenser.actions.drive_to_plant import PARKED, DriveToPlantGoal, drive_to_plant
+from grape.tasks.dispenser.actions.withdraw_hand import WithdrawHandGoal, withdraw_hand
 
 BIAS = np.radians([2.0, -1.5, 1.0, 2.0, -2.0, 2.5])
 
@@ -46,6 +50,33 @@ def test_an_arm_is_calibrated_once(bench: Bench) -> None:
     bench.world.encoder_offsets = np.zeros(6)
     bench.run(calibrate_arm(CalibrateArmGoal(), bench.ctx), limit_s=0.1)
     assert bench.arm.sent == 0
+
+
+def test_what_an_interrupted_session_learned_of_the_joints_counts_once(bench: Bench, task: SimpleNamespace) -> None:
+    task.fill_feeder(bench, 6)
+    bench.bias = BIAS
+    bench.ledger.remember(PARKED, ["n0", 0.3, 0.62])
+    bench.ledger.remember(JOINT_OFFSETS, BIAS.tolist())
+    bench.world.committed[RESUMED] = True
+    bench.advance()
+    bench.run(withdraw_hand(WithdrawHandGoal(), bench.ctx))
+    bench.run(calibrate_arm(CalibrateArmGoal(), bench.ctx), limit_s=0.1)
+    assert bench.world.encoder_offsets is None and bench.arm.sent == 0
+    assert bench.robot.hand_pose(calibrated_joints(bench.ctx)) == pytest.approx(bench.hand, abs=1e-6)
+    bench.run(drive_to_plant(DriveToPlantGoal(plant="n0"), bench.ctx), limit_s=0.1)
+    assert bench.world.encoder_offsets is None, "the base stands where it stood"
+    drive = drive_to_plant(DriveToPlantGoal(plant="v0"), bench.ctx)
+    for _ in range(10):
+        next(drive)
+        bench.advance()
+    drive.close()
+    assert bench.world.encoder_offsets == pytest.approx(BIAS) and JOINT_OFFSETS not in bench.world.committed
+
+
+def test_what_was_seen_by_an_arm_that_is_not_calibrated_stays_in_its_frame(bench: Bench) -> None:
+    bench.world.committed[OBSTACLES] = Obstacles(np.array([[0.4, 0.9, 0.5]]))
+    bench.run(calibrate_arm(CalibrateArmGoal(), bench.ctx), limit_s=0.1)
+    assert bench.world.encoder_offsets is None and bench.arm.sent == 0
 
 
 def test_an_arm_may_be_left_as_it_comes(bench: Bench) -> None:
