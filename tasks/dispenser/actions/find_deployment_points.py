@@ -9,7 +9,7 @@ import numpy as np
 
 from grape.actions.core import Context, Feedback, action
 from grape.actions.move_arm import find_postures
-from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles
+from grape.actions.obstacles import OBSTACLES, UNSEEN, Obstacles, remember_obstacles
 from grape.actions.rocking import up_in_base
 from grape.errors import ActionFailed, Reason
 from grape.geometry import transform
@@ -75,9 +75,9 @@ def find_deployment_points(
         yield Feedback(status="looking for spurs", progress=0.5 * (k + 1) / len(goal.scan.images))
     poses, cloud = yield from ctx.jobs.run(fuse, looks, goal.scan.sweep, box)
     cloud = np.vstack([cloud, not_in(cloud, goal.scan.near)])
-    ctx.world.committed[OBSTACLES] = Obstacles(cloud, up=up)
+    seen = ctx.world.committed[OBSTACLES] = Obstacles(cloud, up=up)
     ctx.world.committed.pop(UNSEEN, None)
-    ctx.ledger.remember(OBSTACLES, cloud.astype(np.float32).tobytes())
+    remember_obstacles(ctx, seen)
     ctx.log.event(
         "deployment_poses",
         plant=goal.plant,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from grape.actions.account import RESUMED
 from grape.actions.calibration import recall_offsets
 from grape.actions.core import Context, Feedback, NoResult, Step, action
 from grape.actions.hand_path import (
@@ -18,7 +19,7 @@ from grape.actions.hand_path import (
     follow_hand_path,
     straight,
 )
-from grape.actions.obstacles import OBSTACLES, Obstacles
+from grape.actions.obstacles import OBSTACLES, recall_obstacles
 from grape.actions.servoing import leave
 from grape.actions.touching import touching
 from grape.drivers import ArmDriver, GripperDriver
@@ -58,10 +59,11 @@ class WithdrawHandGoal:
 def withdraw_hand(goal: WithdrawHandGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
     """Backs out of feeder or plant the way the hand went in, by the last step of the ledger and the arm's own joints.
 
-    A release that was begun is completed; where nails press on something it is taken back with its dispenser. What was
-    known of this stop (place, obstacles, joint offsets) is known again.
+    A release that was begun is completed; where nails press on something it is taken back with its dispenser. When the
+    mission was interrupted, what was known of this stop (place, obstacles, joint offsets) is known again.
     """
-    _recall_stop(ctx)
+    if ctx.world.committed.get(RESUMED):
+        _recall_stop(ctx)
     yield Feedback(status="finding out where the hand is")
     step = ctx.ledger.last_step()
     with ctx.arm.lease("WithdrawHand") as arm, ctx.gripper.lease("WithdrawHand") as fingers, touching(ctx):
@@ -88,12 +90,13 @@ def release_pending(ctx: Context, step: Step) -> bool:
 
 def _recall_stop(ctx: Context) -> None:
     recall_offsets(ctx)
-    parked, cloud, offsets = (ctx.ledger.recall(key) for key in (PARKED, OBSTACLES, JOINT_OFFSETS))
+    parked, offsets = ctx.ledger.recall(PARKED), ctx.ledger.recall(JOINT_OFFSETS)
+    seen = recall_obstacles(ctx)
     if parked is not None:
         ctx.world.committed[PARKED] = tuple(parked)
         ctx.world.committed[STANDING] = parked[0]
-    if cloud is not None:
-        ctx.world.committed[OBSTACLES] = Obstacles(np.frombuffer(cloud, np.float32).reshape(-1, 3))
+    if seen is not None:
+        ctx.world.committed[OBSTACLES] = seen
     elif parked is not None:
         expect_row(ctx, parked[0])
     if offsets is not None:

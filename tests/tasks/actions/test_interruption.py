@@ -13,13 +13,16 @@ from paper_robot import Bench
 from grape.actions.account import RESUMED
 from grape.actions.core import Outcome
 from grape.actions.hand_path import JOINT_OFFSETS
-from grape.actions.obstacles import OBSTACLES
+from grape.actions.obstacles import OBSTACLES, Obstacles, remember_obstacles
+from grape.actions.rocking import up_in_base
+from grape.errors import Reason
 from grape.geometry import pose, rotation_x, transform
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
-from grape.tasks.dispenser.actions.drive_to_plant import STANDING, DriveToPlantGoal, drive_to_plant
+from grape.tasks.dispenser.actions.drive_to_plant import PARKED, STANDING, DriveToPlantGoal, drive_to_plant
 from grape.tasks.dispenser.actions.grasp_dispenser import GraspDispenserGoal, grasp_dispenser
 from grape.tasks.dispenser.actions.hang_dispenser import HangDispenserGoal, hang_dispenser
+from grape.tasks.dispenser.actions.holds_dispenser import HoldsDispenserGoal, holds_dispenser
 from grape.tasks.dispenser.actions.lower_onto_target import LowerOntoTargetGoal, lower_onto_target
 from grape.tasks.dispenser.actions.next_target import NextTargetGoal, next_target
 from grape.tasks.dispenser.actions.recall_targets import RecallTargetsGoal, recall_targets
@@ -227,23 +230,42 @@ def test_a_dispenser_that_was_carried_and_is_gone_is_lost(bench: Bench) -> None:
 
 def test_what_was_known_of_the_stop_is_known_again(bench: Bench, task: SimpleNamespace) -> None:
     target = task.spur_target(bench)
-    cloud = np.array([[0.4, 0.9, 0.5], [0.5, 0.9, 0.5]])
+    seen = Obstacles(np.array([[0.4, 0.9, 0.5], [0.5, 0.9, 0.5]]), up=up_in_base(bench.ctx))
     bench.ledger.remember("parked", ["v0", 0.1, 0.55])
     bench.ledger.remember(JOINT_OFFSETS, [0.01, 0.0, -0.02, 0.0, 0.0, 0.0])
-    bench.ledger.remember(OBSTACLES, cloud.astype(np.float32).tobytes())
+    remember_obstacles(bench.ctx, seen)
     bench.run(next_target(NextTargetGoal(plant="v0", targets=(target, target)), bench.ctx))
     bench.world.committed.clear()
+    bench.world.committed[RESUMED] = True
     withdraw(bench)
-    assert bench.world.committed[OBSTACLES].cloud == pytest.approx(cloud)
+    recalled = bench.world.committed[OBSTACLES]
+    assert recalled.cloud == pytest.approx(seen.cloud) and recalled.up == pytest.approx(seen.up)
     assert bench.world.committed[JOINT_OFFSETS] == pytest.approx([0.01, 0.0, -0.02, 0.0, 0.0, 0.0])
     assert remembers_targets(RemembersTargetsGoal(plant="v0"), bench.ctx)
     assert not remembers_targets(RemembersTargetsGoal(plant="v1"), bench.ctx)
-    recalled = bench.run(recall_targets(RecallTargetsGoal(plant="v0"), bench.ctx)).targets
-    assert len(recalled) == 2 and transform(np.eye(4), recalled[0].tip) == pytest.approx(target.tip)
+    targets = bench.run(recall_targets(RecallTargetsGoal(plant="v0"), bench.ctx)).targets
+    assert len(targets) == 2 and transform(np.eye(4), targets[0].tip) == pytest.approx(target.tip)
     place = bench.base.pose
     bench.run(drive_to_plant(DriveToPlantGoal(plant="v0"), bench.ctx))
     assert (bench.base.pose == place).all(), "the base stays where it stands"
     assert STANDING not in bench.world.committed
+
+
+def test_a_mission_that_was_not_interrupted_keeps_what_it_knows_of_the_stop(
+    bench: Bench, task: SimpleNamespace
+) -> None:
+    target = nail_in_hand(bench, task)
+    followed = Obstacles(np.array([[0.4, 1.9, 0.57]]), up=up_in_base(bench.ctx))
+    remember_obstacles(bench.ctx, Obstacles(followed.cloud - [0.0, 0.0, 0.07]))
+    bench.ledger.remember(PARKED, ["n0", 0.3, 0.62])
+    known = {PARKED: ("n0", 0.3, 0.62), OBSTACLES: followed}
+    bench.world.committed.update(known)
+    with pytest.raises(RuntimeError), bench.ledger.step("place", "n0", target=target.as_record()):
+        raise RuntimeError
+    bench.scene.askew = (0.04, 0.0, 0.0)
+    assert bench.failure(holds_dispenser(HoldsDispenserGoal(), bench.ctx)).reason is Reason.DISPENSER_FALLEN
+    assert bench.arm.sent > 0, "the hand was withdrawn"
+    assert bench.world.committed == known and bench.world.committed[OBSTACLES] is followed
 
 
 def test_nothing_is_moved_when_nothing_was_begun(bench: Bench) -> None:

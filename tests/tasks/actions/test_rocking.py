@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from paper_robot import Bench
 
-from grape.actions.obstacles import OBSTACLES, Obstacles
+from grape.actions.obstacles import OBSTACLES, Obstacles, recall_obstacles, remember_obstacles
 from grape.actions.rocking import follow_rocking, rocking, up_in_base
 from grape.geometry import inverse, pose, pose_error, rotation_from_rpy, rotation_z, transform
 from grape.messages import Array
@@ -107,3 +107,13 @@ def test_how_the_base_stood_survives_the_ledger(bench: Bench, task: SimpleNamesp
     bench.ledger.remember("seen", target.as_record())
     recalled = HangTarget(**bench.ledger.recall("seen"))
     assert recalled.up == pytest.approx(target.up) and recalled.tip == pytest.approx(target.tip)
+
+
+def test_what_was_seen_before_an_interruption_follows_a_base_that_rocks_after_it(bench: Bench, rock) -> None:
+    cloud = np.array([[0.4, 0.9, 0.7], [-0.3, 0.8, 0.2]])
+    remember_obstacles(bench.ctx, Obstacles(cloud, up=up_in_base(bench.ctx)))
+    before = in_map(bench, cloud)
+    bench.world.committed[OBSTACLES] = recall_obstacles(bench.ctx)
+    rock(ROCKED)
+    follow_rocking(bench.ctx)
+    assert in_map(bench, bench.world.committed[OBSTACLES].cloud) == pytest.approx(before, abs=0.002)
