@@ -49,8 +49,8 @@ class CheckDeploymentGoal:
 def check_deployment(goal: CheckDeploymentGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
     """Looks for the wings of a hung dispenser from where the hand backed off to, and settles the account by it.
 
-    Fails with DEPLOYMENT_NOT_CONFIRMED: the dispenser is back in the hand's account when wings are still at the nails,
-    and lost when it is seen nowhere.
+    Fails with DEPLOYMENT_NOT_CONFIRMED: the dispenser is on the hand's account when wings are still at the nails, and
+    lost when it is seen nowhere. Until the look has ended, it is where it was by the account.
     """
     robot = ctx.robot
     below, radius = PLACE_M[goal.target.kind]
@@ -75,10 +75,17 @@ def check_deployment(goal: CheckDeploymentGoal, ctx: Context) -> Generator[Feedb
         ballot = yield from _look_again(goal, ctx, place, decide, ballot)
     ctx.log.event("check", check="deployment", value=ballot.value, yes=ballot.yes, no=ballot.no, reason=ballot.reason)
     ctx.log.picture("deployment", ballot.image.bgr)
+    _account_for(ctx, goal.target.plant, goal.target.plant if ballot.value else "hand" if still_held else "lost")
     if ballot.value:
         return NoResult()
-    ctx.ledger.move_dispenser(goal.target.plant, "hand" if still_held else "lost")
     raise ActionFailed(Reason.DEPLOYMENT_NOT_CONFIRMED, f"{ballot.no} of {goal.frames} frames: {ballot.reason}")
+
+
+def _account_for(ctx: Context, plant: str, seen_at: str) -> None:
+    """The dispenser that by the account is in the hand, or else on the plant, is where it was seen."""
+    booked = "hand" if ctx.ledger.dispensers()["hand"] else plant
+    if seen_at != booked:
+        ctx.ledger.move_dispenser(booked, seen_at)
 
 
 def _look_again(

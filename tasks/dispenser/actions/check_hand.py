@@ -10,8 +10,7 @@ from grape.errors import ActionFailed, Reason, StaleData
 from grape.tasks.dispenser.actions.check_feeder import CheckFeederGoal, check_feeder
 from grape.tasks.dispenser.actions.check_grasp import account_for_taken
 from grape.tasks.dispenser.actions.finish_plant import FinishPlantGoal, finish_plant
-from grape.tasks.dispenser.actions.holds_dispenser import account_for_fallen, hangs_there, look_at_hand
-from grape.tasks.dispenser.conditions import IsDeployedGoal, is_deployed
+from grape.tasks.dispenser.actions.holds_dispenser import account_for_fallen, hangs_there, look_at_hand, unseen
 from grape.tasks.dispenser.targets import HangTarget
 
 
@@ -59,11 +58,6 @@ def _look(goal: CheckHandGoal, ctx: Context) -> Generator[Feedback, None, str]:
             account_for_taken(ctx)
         elif goal.feeder:
             yield from check_feeder(CheckFeederGoal(), ctx)
-    elif (
-        step is not None
-        and step.name == "release"
-        and places[step.plant]
-        and not is_deployed(IsDeployedGoal(plant=step.plant), ctx)
-    ):
+    elif step is not None and unseen(ctx, step):
         return step.plant if (yield from hangs_there(ctx, HangTarget(**step.details["target"]))) else ""
     return ""

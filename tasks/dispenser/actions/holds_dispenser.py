@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Generator
 from dataclasses import dataclass
 
-from grape.actions.core import Context, Feedback, NoResult, action
+from grape.actions.core import Context, Feedback, NoResult, Step, action
 from grape.actions.looking import Ballot, vote
 from grape.errors import ActionFailed, Reason
 from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
 from grape.tasks.dispenser.actions.withdraw_hand import WithdrawHandGoal, withdraw_hand
+from grape.tasks.dispenser.conditions import IsDeployedGoal, is_deployed
 from grape.tasks.dispenser.perception.wings import held
 from grape.tasks.dispenser.targets import HangTarget
 
@@ -74,9 +75,7 @@ def account_for_fallen(ctx: Context, seen: Ballot) -> Generator[Feedback, None, 
 
 
 def hangs_there(ctx: Context, target: HangTarget) -> Generator[Feedback, None, bool]:
-    """Whether it hangs; when not, the check itself gives the dispenser back to the hand, or for lost."""
-    if ctx.ledger.dispensers()["hand"]:
-        ctx.ledger.move_dispenser("hand", target.plant)
+    """Whether it hangs; the check itself settles the account."""
     try:
         yield from check_deployment(CheckDeploymentGoal(target=target), ctx)
     except ActionFailed as failed:
@@ -84,3 +83,10 @@ def hangs_there(ctx: Context, target: HangTarget) -> Generator[Feedback, None, b
             raise
         return False
     return True
+
+
+def unseen(ctx: Context, step: Step) -> bool:
+    """Whether a step has put a dispenser on its plant by the account, and the plant is not finished as deployed."""
+    if step.name not in ("place", "release") or not ctx.ledger.dispensers()[step.plant]:
+        return False
+    return not is_deployed(IsDeployedGoal(plant=step.plant), ctx)

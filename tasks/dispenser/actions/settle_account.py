@@ -9,7 +9,7 @@ from grape.actions.account import RESUMED
 from grape.actions.core import Context, Feedback, NoResult, Outcome, action
 from grape.tasks.dispenser.actions.check_grasp import account_for_taken
 from grape.tasks.dispenser.actions.finish_plant import FinishPlantGoal, finish_plant
-from grape.tasks.dispenser.actions.holds_dispenser import hangs_there, look_at_hand
+from grape.tasks.dispenser.actions.holds_dispenser import hangs_there, look_at_hand, unseen
 from grape.tasks.dispenser.actions.withdraw_hand import release_pending
 from grape.tasks.dispenser.fingers import finger_angle
 from grape.tasks.dispenser.targets import HangTarget
@@ -31,13 +31,11 @@ def settle_account(goal: SettleAccountGoal, ctx: Context) -> Generator[Feedback,
     """
     step, places = ctx.ledger.last_step(), ctx.ledger.dispensers()
     plant = step.plant if step is not None else ""
-    hangs = holds = False
+    hangs = False
     if step is not None and release_pending(ctx, step):
         taken_back = places["hand"] > 0 and finger_angle(ctx)[1] > 0.5
-        holds = taken_back and (yield from look_at_hand(ctx, goal.frames)).value
-        if not holds:
+        if not (taken_back and (yield from look_at_hand(ctx, goal.frames)).value):
             hangs = yield from hangs_there(ctx, HangTarget(**step.details["target"]))
-            holds = ctx.ledger.dispensers()["hand"] > 0
     elif places["hand"] or (step is not None and step.name in ("insert", "grasp")):
         holds = (yield from look_at_hand(ctx, goal.frames)).value
         if holds and not places["hand"]:
@@ -46,9 +44,12 @@ def settle_account(goal: SettleAccountGoal, ctx: Context) -> Generator[Feedback,
             hangs = yield from hangs_there(ctx, HangTarget(**step.details["target"]))
         elif places["hand"] and not holds:
             ctx.ledger.move_dispenser("hand", "lost")
+    elif step is not None and unseen(ctx, step):
+        hangs = yield from hangs_there(ctx, HangTarget(**step.details["target"]))
+    places = ctx.ledger.dispensers()
     ctx.log.event(
-        "settled", step=step.name if step else "", plant=plant, hangs=hangs, holds=holds,
-        places=dict(ctx.ledger.dispensers()),
+        "settled", step=step.name if step else "", plant=plant, hangs=hangs, holds=places["hand"] > 0,
+        places=dict(places),
     )  # fmt: skip
     if hangs:
         yield from finish_plant(FinishPlantGoal(plant=plant, outcome=Outcome.DEPLOYED), ctx)

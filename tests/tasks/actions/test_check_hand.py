@@ -151,6 +151,23 @@ def test_a_release_that_nobody_looked_at_is_looked_at(bench: Bench, task: Simple
     assert bench.ledger.account()["deployed" if hangs else "lost"] == 1
 
 
+@pytest.mark.parametrize("hangs", [True, False])
+def test_nothing_hangs_by_the_account_until_it_was_seen_to(bench: Bench, task: SimpleNamespace, hangs: bool) -> None:
+    target = carried_to(bench, task, "place")
+    for _ in check_hand(CheckHandGoal(), bench.ctx):
+        bench.advance()
+        bench.camera.frozen = any(kind == "check" for kind, _ in bench.log.events)  # from after the look at the hand
+    assert bench.log.last("not_looked")["reason"] == "stale_data"
+    assert bench.ledger.account()["on_hand"] == 1 and bench.ledger.account()["deployed"] == 0
+    bench.camera.frozen = False
+    bench.advance(30)
+    if hangs:
+        bench.scene.wings = [target.tip - np.array([side * 0.02, 0.0, 0.07]) for side in (-1.0, 1.0)]
+    look(bench)
+    assert bench.ledger.account()["deployed" if hangs else "lost"] == 1
+    assert is_deployed(IsDeployedGoal(plant="n0"), bench.ctx) == hangs
+
+
 def test_a_camera_that_is_silent_changes_nothing(bench: Bench, task: SimpleNamespace) -> None:
     carried_to(bench, task, "place")
     bench.camera.frozen = True

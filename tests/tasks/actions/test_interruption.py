@@ -19,6 +19,7 @@ from grape.errors import Reason
 from grape.geometry import pose, rotation_x, transform
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
+from grape.tasks.dispenser.actions.check_hand import CheckHandGoal, check_hand
 from grape.tasks.dispenser.actions.drive_to_plant import PARKED, STANDING, DriveToPlantGoal, drive_to_plant
 from grape.tasks.dispenser.actions.grasp_dispenser import GraspDispenserGoal, grasp_dispenser
 from grape.tasks.dispenser.actions.hang_dispenser import HangDispenserGoal, hang_dispenser
@@ -218,6 +219,37 @@ def test_servoing_that_was_cut_off_is_left_and_looked_at(
     settle(bench)
     assert bench.ledger.account()[place] == 1 and bench.ledger.account()["left"] == 7
     assert (bench.ledger.plants()[0].outcome is Outcome.DEPLOYED) == hangs
+
+
+@pytest.mark.parametrize("hangs", [True, False])
+@pytest.mark.parametrize("done", ["looking", "booked"])
+def test_a_look_at_a_plant_that_was_cut_off_is_made_again(
+    bench: Bench, task: SimpleNamespace, hangs: bool, done: str
+) -> None:
+    """Cut off while it looks, or when the account has it on the plant that is not finished yet."""
+    target = nail_in_hand(bench, task, 0.14)
+    with pytest.raises(RuntimeError), bench.ledger.step("place", "n0", target=target.as_record()):
+        raise RuntimeError
+    if done == "looking":
+        run = check_hand(CheckHandGoal(), bench.ctx)
+        while not any(kind == "check" for kind, _ in bench.log.events):
+            next(run)
+            bench.advance()
+        cut_off(bench, run, 0.05)
+    else:
+        bench.ledger.move_dispenser("hand", "n0")
+    if hangs:
+        hang_there(bench, target)
+    bench.camera.frozen = True
+    withdraw(bench)
+    assert bench.failure(settle_account(SettleAccountGoal(), bench.ctx)).reason is Reason.STALE_DATA
+    bench.camera.frozen = False
+    bench.advance(30)
+    withdraw(bench)
+    settle(bench)
+    assert bench.ledger.account()["deployed" if hangs else "lost"] == 1 and bench.ledger.account()["on_hand"] == 0
+    assert (bench.ledger.plants()[0].outcome is Outcome.DEPLOYED) == hangs
+    assert bench.log.last("settled")["hangs"] == hangs
 
 
 def test_a_dispenser_that_was_carried_and_is_gone_is_lost(bench: Bench) -> None:
