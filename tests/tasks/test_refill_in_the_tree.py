@@ -20,7 +20,7 @@ from grape.tasks.dispenser import TASK
 from grape.tasks.dispenser.actions.check_feeder import FEEDER_EMPTY
 
 REAL = ("NextPlant", "FinishPlant", "SkipPlants")
-TOLD = ("DriveToPlant", "DriveToRefill", "WaitForRefill", "SkipPlants")
+TOLD = ("DriveToPlant", "DriveToRefill", "BackOff", "WaitForRefill", "SkipPlants")
 
 
 class Vineyard:
@@ -30,6 +30,8 @@ class Vineyard:
         self.bench, self.ran = bench, []
         self.lose: list[str] = []  # actions that lose the dispenser in hand, once each
         self.fail: dict[str, Reason] = {}
+        self.servoing: list[str] = []  # what happens to the dispenser in runs of ServoToNail that fail: stays or falls
+        self.fallen = False  # and nobody has looked yet
         self.refills = [1, 1, 1]
 
     def act(self, name: str, goal: Any) -> None:
@@ -50,6 +52,12 @@ class Vineyard:
             self.lose.remove(name)
             ledger.move_dispenser("hand", "lost")
             raise ActionFailed(Reason.DISPENSER_FALLEN)
+        if name == "ServoToNail" and self.servoing:
+            self.fallen = self.servoing.pop(0) == "falls"
+            raise ActionFailed(Reason.IN_COLLISION)
+        if name == "CheckHand" and self.fallen:
+            self.fallen = False
+            ledger.move_dispenser("hand", "lost")
         if name == "HangDispenser":
             open_ = next(task.plant for task in ledger.plants() if task.outcome is None)
             ledger.move_dispenser("hand", open_)
@@ -132,6 +140,21 @@ def test_a_plant_at_which_the_last_dispenser_was_lost_is_served_after_the_refill
     assert play(vineyard) == [("deployed", "")]
     assert vineyard.ran == ["DriveToPlant n0", "DriveToRefill", "WaitForRefill", "DriveToPlant n0"]
     assert vineyard.bench.ledger.account() == {"loaded": 2, "deployed": 1, "left": 0, "lost": 1, "on_hand": 0}
+
+
+def test_a_last_dispenser_that_fell_unnoticed_at_the_other_stop_is_replaced_by_a_refill(begin: Begin) -> None:
+    vineyard = begin(1, 1)
+    vineyard.servoing = ["stays", "stays", "stays", "falls"]
+    assert play(vineyard) == [("deployed", "")]
+    assert vineyard.ran == ["DriveToPlant n0"] * 2 + ["DriveToRefill", "WaitForRefill", "DriveToPlant n0"]
+    assert vineyard.bench.ledger.account() == {"loaded": 2, "deployed": 1, "left": 0, "lost": 1, "on_hand": 0}
+
+
+def test_a_refill_point_whose_way_is_blocked_is_driven_to_again_after_giving_way(begin: Begin) -> None:
+    vineyard = begin(1, 1, NAILS[:2])
+    vineyard.fail = {"DriveToRefill": Reason.BLOCKED}
+    assert play(vineyard) == [("deployed", ""), ("skipped", "blocked")]
+    assert vineyard.ran == ["DriveToPlant n0", "DriveToRefill", "BackOff", "DriveToRefill", "SkipPlants"]
 
 
 def test_without_stock_or_point_a_plant_is_skipped_as_before(begin: Begin) -> None:
