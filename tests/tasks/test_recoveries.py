@@ -152,6 +152,12 @@ def test_a_stop_from_which_nothing_is_reached_needs_no_giving_way(bench: Bench) 
     assert not play.names("BackOff", "Wait")
 
 
+@pytest.mark.parametrize("look", [[], [Reason.UNREACHABLE] * 9])
+def test_the_arm_is_retracted_after_the_last_look_at_the_hand(bench: Bench, look: list[Reason | None]) -> None:
+    play = Play(bench, {"ApproachSpur": look}, (spur(0.3),), "plant")
+    assert play.names("CheckHand", "Retract", "DriveToPlant")[-4:] == ["CheckHand", "Retract"] * 2
+
+
 NOTHING, FELL = Reason.GRASP_FAILED, Reason.DISPENSER_FALLEN
 
 
