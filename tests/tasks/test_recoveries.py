@@ -169,6 +169,32 @@ def test_when_a_dispenser_falls_on_its_way_another_one_is_brought_to_the_same_sp
     assert outcome(bench)[0] == "deployed"
 
 
+SILENT = Reason.STALE_DATA
+
+
+def test_a_dispenser_that_a_silent_camera_does_not_show_is_kept_and_no_other_is_fetched(bench: Bench) -> None:
+    play = Play(bench, {"HoldsDispenser": [SILENT, SILENT]}, (spur(0.3),), "plant")
+    assert play.names("HoldsDispenser", "CheckFeeder", "ApproachSpur") == [
+        "HoldsDispenser", "HoldsDispenser", "HoldsDispenser", "ApproachSpur", "HoldsDispenser",
+    ]  # fmt: skip
+    assert outcome(bench)[0] == "deployed"
+
+
+def test_a_grasp_that_a_silent_camera_does_not_show_is_looked_at_again_before_the_fingers_close(bench: Bench) -> None:
+    script = {"HoldsDispenser": [NOTHING, SILENT], "CheckGrasp": [SILENT]}
+    play = Play(bench, script, (spur(0.3),), "plant")
+    assert play.names("HoldsDispenser", "CheckFeeder", "CheckGrasp", "ApproachSpur") == [
+        "HoldsDispenser", "CheckFeeder", "CheckGrasp", "HoldsDispenser", "HoldsDispenser", "ApproachSpur",
+        "HoldsDispenser",
+    ]  # fmt: skip
+    assert outcome(bench)[0] == "deployed"
+
+
+def test_a_plant_before_which_the_camera_stays_silent_is_skipped_and_nothing_dropped(bench: Bench) -> None:
+    play = Play(bench, {"HoldsDispenser": [SILENT] * 99}, (spur(0.3), spur(0.6)), "plant")
+    assert not play.names("CheckFeeder") and outcome(bench) == ("skipped", "stale_data")
+
+
 def test_where_dispensers_keep_falling_the_plant_is_skipped(bench: Bench) -> None:
     play = Play(bench, {"HoldsDispenser": [NOTHING, FELL] * 9}, (spur(0.3), spur(0.6)), "plant")
     assert play.names("GraspDispenser") == ["GraspDispenser"] * 4 and not play.names("ServoToSpur")

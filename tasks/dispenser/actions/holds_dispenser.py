@@ -9,6 +9,7 @@ from grape.actions.core import Context, Feedback, NoResult, Step, action
 from grape.actions.looking import Ballot, vote
 from grape.errors import ActionFailed, Reason
 from grape.tasks.dispenser.actions.check_deployment import CheckDeploymentGoal, check_deployment
+from grape.tasks.dispenser.actions.check_grasp import account_for_taken
 from grape.tasks.dispenser.actions.withdraw_hand import WithdrawHandGoal, withdraw_hand
 from grape.tasks.dispenser.conditions import IsDeployedGoal, is_deployed
 from grape.tasks.dispenser.perception.wings import held
@@ -24,11 +25,19 @@ class HoldsDispenserGoal:
 
 @action("HoldsDispenser")
 def holds_dispenser(goal: HoldsDispenserGoal, ctx: Context) -> Generator[Feedback, None, NoResult]:
-    """Succeeds when the ledger says that the hand holds a dispenser and the camera agrees; else it was lost."""
-    if ctx.ledger.dispensers().get("hand", 0) == 0:
+    """Succeeds when the ledger says that the hand holds a dispenser and the camera agrees; else it was lost.
+
+    What was grasped last and not seen yet may be held, too: then the ledger learns of it here.
+    """
+    step, in_hand = ctx.ledger.last_step(), ctx.ledger.dispensers().get("hand", 0) > 0
+    if not in_hand and (step is None or step.name != "grasp"):
         raise ActionFailed(Reason.GRASP_FAILED, "nothing was grasped yet")
     ballot = yield from look_at_hand(ctx, goal.frames)
-    if not ballot.value:
+    if not in_hand and not ballot.value:
+        raise ActionFailed(Reason.GRASP_FAILED, ballot.reason)
+    if not in_hand:
+        account_for_taken(ctx)
+    elif not ballot.value:
         yield from account_for_fallen(ctx, ballot)
         raise ActionFailed(Reason.DISPENSER_FALLEN, ballot.reason)
     return NoResult()

@@ -169,6 +169,22 @@ def test_nothing_held_by_the_account_needs_no_look(bench: Bench) -> None:
     assert failure.reason is Reason.GRASP_FAILED
 
 
+@pytest.mark.parametrize("held", [True, False])
+def test_a_grasp_that_nobody_has_seen_is_looked_at_where_a_dispenser_is_asked_for(bench: Bench, held: bool) -> None:
+    open_fingers(bench)
+    with bench.ledger.step("grasp", level=7):
+        pass
+    bench.camera.frozen = True
+    assert bench.failure(holds_dispenser(HoldsDispenserGoal(), bench.ctx)).reason is Reason.STALE_DATA
+    bench.camera.frozen, bench.scene.held = False, held
+    bench.advance(30)
+    if held:
+        bench.run(holds_dispenser(HoldsDispenserGoal(), bench.ctx))
+    else:
+        assert bench.failure(holds_dispenser(HoldsDispenserGoal(), bench.ctx)).reason is Reason.GRASP_FAILED
+    assert bench.ledger.account()["on_hand"] == held and bench.ledger.account()["left"] == 8 - held
+
+
 def test_what_the_hand_holds_by_account_and_camera_is_kept(bench: Bench) -> None:
     open_fingers(bench)
     bench.ledger.move_dispenser("feeder", "hand")
