@@ -105,7 +105,7 @@ class Simulation:
     def keep(self, folder: Path) -> bool:
         """Keep the world in a folder from now on, at every call of `advance`; one that was kept there comes back first.
 
-        What comes back is as it was, driver for driver; only messages that nobody had read yet are gone.
+        What comes back is as it was, driver for driver; only the messages of before are gone, read or not.
 
         Returns:
             Whether a world came back.
@@ -124,6 +124,8 @@ class Simulation:
                 self._begun = max(self._begun, record.get("planned", -1) + 1)
             self.referee.recall(journal)
             checkpoint.restore()
+            for sensor in self._drivers.sensors.values():
+                sensor.forget()  # what the new scene had measured before this one came back
             self._walk()
         checkpoint.save()
         return came_back

@@ -65,6 +65,10 @@ class SampledSensor(ABC, Generic[M]):
         """Stop (or resume) sampling: the last message stays and grows old."""
         self._frozen = frozen
 
+    def forget(self) -> None:
+        """Drop every message, read or not."""
+        self._slots.clear()
+
     def latest(self, max_age_s: float | None = None) -> M:
         """The newest message.
 

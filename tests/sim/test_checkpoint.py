@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 
-from grape.errors import InvalidInput
+from grape.errors import InvalidInput, StaleData
 from grape.geodesy import enu_from_geodetic
 from grape.geometry import pose, transform
 from grape.messages import Odometry
@@ -64,6 +64,22 @@ def test_a_world_that_was_brought_back_goes_on_to_the_last_bit(simulate, tmp_pat
     one, two = resumed.referee.verdict()["localization"], whole.referee.verdict()["localization"]
     assert one == pytest.approx(two, abs=1e-4)
     assert [sample.time_s for sample in resumed.referee.path] == [sample.time_s for sample in whole.referee.path]
+
+
+def test_a_world_that_was_brought_back_tells_nothing_of_the_start_of_its_site(simulate, tmp_path):
+    first = simulate()
+    first.keep(tmp_path / "world")
+    first.inject(FreezeSensor(name="gnss"))
+    go(first, 0, 60)
+    again = simulate()
+    again.keep(tmp_path / "world")
+    ports = again.drivers
+    sensors = (ports.base, ports.imu, ports.gnss, ports.camera, *ports.scans.values(), *ports.clouds.values())
+    assert [sensor.since(-1.0) for sensor in sensors] == [()] * len(sensors)
+    go(again, 60, 80)
+    assert min(message.stamp for message in ports.imu.since(-1.0)) > 0.6
+    with pytest.raises(StaleData, match="nothing measured yet"):
+        ports.gnss.latest()
 
 
 def test_unattended_actuators_come_to_rest(simulate, tmp_path):
