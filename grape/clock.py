@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+AHEAD_S = 0.05  # how far a stamp may be ahead of the clock that reads it; what is further ahead is of another clock
+
 
 class Clock(Protocol):
     """A source of time in seconds; simulated time or a monotonic clock."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from grape.clock import Clock
+from grape.clock import AHEAD_S, Clock
 from grape.drivers.ports import BaseDriver, SensorDriver
 from grape.errors import InvalidInput, StaleData
 from grape.messages import Array, JointState, LaserScan, Twist
@@ -130,7 +130,7 @@ class GuardedBase:
     def _decide(self, v: float, w: float) -> Decision:
         now = self._clock.now()
         try:
-            views = [self._view(name) for name in self._scans]
+            views = [self._view(name, now) for name in self._scans]
         except StaleData:
             return blind_stop(self._state)
         if any(blind > self._monitor.options.blind for _, blind in views):
@@ -151,10 +151,12 @@ class GuardedBase:
         verdict = Verdict.STOP if factor == 0.0 else Verdict.SLOW
         return Decision(verdict=verdict, factor=factor * decision.factor, zone=FENCE, state=decision.state)
 
-    def _view(self, name: str) -> tuple[Array, float]:
+    def _view(self, name: str, now: float) -> tuple[Array, float]:
         """Points (n, 2) and share of blind beams of a scanner's newest scan; each scan is worked out once."""
         driver, T_base_sensor = self._scans[name]
         scan = driver.latest(self._options.max_age_s)
+        if scan.stamp > now + AHEAD_S:
+            raise StaleData(f"{name}: stamped {scan.stamp - now:.3f} s ahead of the clock, so its age is not known")
         known = self._seen.get(name)
         if known is None or known[0] != scan.stamp:
             known = self._seen[name] = (scan.stamp, *scan_hits(scan, T_base_sensor, self._monitor.options))

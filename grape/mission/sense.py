@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from grape.clock import AHEAD_S
 from grape.drivers import Drivers
 from grape.errors import StaleData
 from grape.localization import EstimatorOptions, GnssConfig, ImuConfig, PoseEstimator, WheelConfig
@@ -61,9 +62,9 @@ class Sensing:
 
     def _localize(self, now: float) -> None:
         drivers, world = self._drivers, self._world
-        wheels = self._since("wheels", drivers.base)
-        imu = self._since("imu", drivers.imu)
-        gnss = self._since("gnss", drivers.gnss)
+        wheels = self._since("wheels", drivers.base, now)
+        imu = self._since("imu", drivers.imu, now)
+        gnss = self._since("gnss", drivers.gnss, now)
         odometry = self._estimator.advance(now, wheels=wheels, imu=imu, gnss=gnss)
         heard = max(self._newest[name] for name in ("wheels", "imu", "gnss"))
         if not self._estimator.initialized or now - heard > SILENCE_MAX_S:
@@ -78,8 +79,9 @@ class Sensing:
             if self._place.pose is not None:
                 world.estimates["amcl"] = self._place.pose
 
-    def _since(self, name: str, driver: Any) -> Any:
-        messages = driver.since(self._newest[name])
+    def _since(self, name: str, driver: Any, now: float) -> Any:
+        """New messages; one that is stamped ahead of the clock is none."""
+        messages = tuple(message for message in driver.since(self._newest[name]) if message.stamp <= now + AHEAD_S)
         if messages:
             self._newest[name] = messages[-1].stamp
         return messages
@@ -88,7 +90,7 @@ class Sensing:
         world = self._world
         with contextlib.suppress(StaleData):
             told = self._drivers.arm.latest()
-            if np.isfinite(told.position).all():
+            if np.isfinite(told.position).all() and told.stamp <= now + AHEAD_S:
                 world.take_arm(told)
         arm = world.arm
         if arm is not None and now - arm.stamp > ARM_AGE_MAX_S:

@@ -140,6 +140,13 @@ def test_silent_laser_stops_the_base_whoever_drives():
     assert yard.drive(0.4, 0.1) == (0.0, 0.0) and yard.told[-1].zone == SCAN
 
 
+def test_scan_that_is_stamped_ahead_of_the_clock_stops_the_base():
+    yard = Yard()
+    yard.drive(0.4, beats=30)
+    yard.stamp = yard.time_s + 1e9
+    assert yard.drive(0.4) == (0.0, 0.0) and yard.told[-1].zone == SCAN
+
+
 @pytest.mark.parametrize(("beams", "moves"), [(100, True), (400, False)])
 def test_laser_that_says_nan_stops_the_base(beams, moves):
     yard = Yard()

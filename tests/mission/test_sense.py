@@ -62,6 +62,36 @@ def test_joint_angles_that_are_no_numbers_are_not_taken_in(backend: Any, world: 
     assert world.joints() == pytest.approx(np.zeros(6))
 
 
+def stamped_ahead(buffer: Any) -> None:
+    buffer.messages = [replace(buffer.messages[-1], stamp=1e9)]
+
+
+def test_joint_angles_that_are_stamped_ahead_of_the_clock_are_not_moved_by(
+    backend: Any, world: World, robot: Any
+) -> None:
+    sensing = Sensing(backend.drivers, world, robot)
+    stamped_ahead(backend.buffers["arm"])
+    beat(backend, sensing, 5, "arm")
+    with pytest.raises(StaleData):
+        world.joints()
+    beat(backend, sensing, 1)
+    assert world.joints() == pytest.approx(np.zeros(6))
+
+
+def test_messages_that_are_stamped_ahead_of_the_clock_keep_no_pose_fresh(
+    backend: Any, world: World, robot: Any
+) -> None:
+    sensing = Sensing(backend.drivers, world, robot)
+    beat(backend, sensing, 150)
+    for name in ("base", "imu", "gnss"):
+        stamped_ahead(backend.buffers[name])
+    beat(backend, sensing, 50, "base", "imu", "gnss")
+    assert world.odometry is not None
+    assert backend.now() - world.odometry.stamp >= 0.5 - SILENCE_MAX_S - 0.01
+    beat(backend, sensing, 1)
+    assert world.odometry.stamp == backend.now(), "the next good ones count"
+
+
 @pytest.mark.parametrize(
     ("silent", "fresh"), [(("base", "imu", "gnss"), False), (("base",), True), (("imu",), True), (("gnss",), True)]
 )
