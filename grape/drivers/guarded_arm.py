@@ -83,8 +83,12 @@ class GuardedArm:
         """Set-point of the joint velocities (n,) rad/s; returns what was sent after limits.
 
         Raises:
+            InvalidInput: wrong shape or not finite.
             ActionFailed: CONTACT, once the arm has let go of what it touched.
         """
+        joints = self._options.torque_max.shape
+        if np.shape(velocity) != joints or not np.isfinite(velocity).all():
+            raise InvalidInput(f"arm: send {joints[0]} finite joint velocities, got {velocity}")
         torques = self._feel()
         self._on_feel(float((np.abs(torques) / self._options.torque_max).max()))
         if self._touch is None:

@@ -17,20 +17,20 @@ from grape.sim.sensors.noise import FrameNoise
 
 @dataclass(frozen=True, kw_only=True)
 class ArmLimits:
-    """Joints of an arm in order, and how far and fast they may move: (n,) rad, rad/s, rad/s^2."""
+    """Joints of an arm in order, how far and fast they may move (n,) rad, rad/s, rad/s^2, and how long unattended."""
 
     joints: tuple[str, ...]
     lower: Array
     upper: Array
     velocity: Array
     acceleration: Array
+    timeout_s: float  # after the last set-point, from which on they hold
 
 
 @dataclass(frozen=True, kw_only=True)
 class ArmDriverOptions:
     """Behaviour of the arm's own controller, and how imperfect the arm is (`draw_arm_errors`)."""
 
-    timeout_s: float = 0.05
     beat_s: float = 0.01  # time between set-points that acceleration limits are counted over
     lead: float = 0.05  # rad that the reference may run ahead of the measured angle
     encoder_sigma: float = 1e-4  # rad
@@ -59,7 +59,7 @@ class SimulatedArm(SampledSensor[JointState]):
         gain, bias = physics.model.actuator_gainprm, physics.model.actuator_biasprm
         self._stiffness = gain[self._actuators, 0]
         self._lead_s = -bias[self._actuators, 2] / self._stiffness * (1.0 - self._errors.trailing)
-        self._timeout_steps = round(options.timeout_s * STEPS_PER_SECOND)
+        self._timeout_steps = round(limits.timeout_s * STEPS_PER_SECOND)
         self._target = np.zeros(len(limits.joints))
         self._velocity = np.zeros(len(limits.joints))
         self._link = physics.data.qpos[self._qpos].copy()  # where the gear puts the link

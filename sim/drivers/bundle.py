@@ -165,4 +165,5 @@ def _arm_limits(robot: RobotDescription) -> ArmLimits:
         upper=arm.position_max,
         velocity=arm.velocity_max,
         acceleration=arm.acceleration_max,
+        timeout_s=arm.command_timeout,
     )

@@ -9,7 +9,7 @@ import pytest
 
 from grape.control.contact import GRAVITY, ContactObserver
 from grape.drivers.guarded_arm import GuardedArm, Touch, TouchOptions
-from grape.errors import ActionFailed, Reason, StaleData
+from grape.errors import ActionFailed, InvalidInput, Reason, StaleData
 from grape.kinematics import ArmModel
 from grape.messages import Array, JointState
 from grape.robots.husky_jaco2 import DESCRIPTION
@@ -148,6 +148,16 @@ def test_work_by_contact_is_let_be_until_it_is_over():
     assert shares[-1] == pytest.approx(np.abs(observer.torques / LIMIT).max()) and shares[-1] > 1.0
     works[0] = False
     assert drive(arm, guarded, 0.05 * JOINT_2, 60) < 60 and touches
+
+
+@pytest.mark.parametrize("velocity", [np.full(6, np.nan), np.full(6, np.inf), np.zeros(3)], ids=["nan", "inf", "three"])
+def test_a_set_point_that_is_no_number_does_not_reach_the_arm(velocity):
+    arm = PaperArm()
+    guarded = guard(arm)
+    guarded.send(0.1 * JOINT_2)
+    with pytest.raises(InvalidInput, match="arm: send 6 finite joint velocities"):
+        guarded.send(velocity)
+    assert np.array_equal(arm.sent, 0.1 * JOINT_2)
 
 
 def test_an_arm_that_tells_nothing_is_driven_as_before():

@@ -13,8 +13,10 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 
+from grape.clock import MonotonicClock
 from grape.drivers import Drivers
 from grape.errors import FileError, InvalidInput
 from grape.mission.catalog import robot_description
@@ -131,6 +133,27 @@ def test_adapters_that_cannot_be_imported_are_named() -> None:
         connected(robot, "machine"),
     ):
         raise AssertionError("it was connected")
+
+
+def test_the_machine_is_left_unattended_for_as_long_as_the_description_says(mission_file: str) -> None:
+    from own_robot import DESCRIPTION, machine
+
+    told = {"base": DESCRIPTION.base.command_timeout, "arm": DESCRIPTION.arm.command_timeout}
+    assert told == machine.TIMEOUT_S
+
+
+def test_set_points_that_are_no_numbers_do_not_reach_the_machine(mission_file: str) -> None:
+    from own_robot import DESCRIPTION
+    from own_robot.drivers import Arm, Gripper, Readings
+    from own_robot.machine import Machine
+
+    readings = Readings(DESCRIPTION, MonotonicClock())
+    machine = Machine(readings.take)
+    with pytest.raises(InvalidInput, match="finite joint velocities"):
+        Arm(machine, readings, DESCRIPTION.arm).send(np.full(6, np.nan))
+    with pytest.raises(InvalidInput, match="finite finger angles"):
+        Gripper(machine, readings, DESCRIPTION.gripper).send(np.array([0.0, np.nan, 0.0]))
+    assert np.isfinite(machine.joint_velocity).all() and np.isfinite(machine.fingers).all()
 
 
 def test_a_beat_that_took_too_long_is_told(mission_file: str, tmp_path: Path) -> None:

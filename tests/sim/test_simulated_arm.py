@@ -1,5 +1,7 @@
 """The arm's velocity interface, its limits and its watchdog; the fingers."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -52,6 +54,16 @@ def test_stops_by_itself_when_nobody_speaks_and_holds(simulate):
     held = arm.latest().position
     beats(simulation, 50)
     assert arm.latest().position == pytest.approx(held, abs=0.002)
+
+
+def test_is_left_unattended_for_as_long_as_its_description_says(simulate):
+    simulation = simulate(robot=replace(DESCRIPTION, arm=replace(ARM, command_timeout=0.3)))
+    arm = simulation.drivers.arm
+    beats(simulation, 40, lambda: arm.send(np.full(6, 0.2)))
+    beats(simulation, 28)
+    assert arm.latest().velocity == pytest.approx(np.full(6, 0.2), abs=0.05)
+    beats(simulation, 30)
+    assert arm.latest().velocity == pytest.approx(np.zeros(6), abs=0.05)
 
 
 def test_stops_at_its_joint_limits(simulate):

@@ -10,6 +10,7 @@ import numpy as np
 
 from grape.clock import Clock
 from grape.drivers import Drivers, Mailbox
+from grape.errors import InvalidInput
 from grape.geometry import rotation_to_quaternion, rotation_z
 from grape.messages import Array, GripperState, Imu, JointState, LaserScan, NavSatFix, RgbdImage, Twist
 from own_robot.machine import Machine
@@ -109,6 +110,8 @@ class Arm:
         self.latest = readings.arm.latest
 
     def send(self, velocity: Array) -> Array:
+        if not np.isfinite(velocity).all():
+            raise InvalidInput(f"arm: send finite joint velocities, got {velocity}")
         sent = np.clip(velocity, -self._limits.velocity_max, self._limits.velocity_max)
         self._machine.turn_joints(sent)
         return sent
@@ -125,6 +128,8 @@ class Gripper:
         self.latest = readings.gripper.latest
 
     def send(self, position: Array) -> Array:
+        if not np.isfinite(position).all():
+            raise InvalidInput(f"gripper: send finite finger angles, got {position}")
         sent = np.clip(position, self._limits.position_min, self._limits.position_max)
         self._machine.fingers = sent
         return sent

@@ -16,7 +16,7 @@ from grape.messages import Array
 DATUM = Datum(latitude_deg=42.3415, longitude_deg=3.0632, altitude_m=60.0)
 ANTENNA = np.array([[-0.35, -0.20, 0.75]])
 PERIOD_S = 0.01
-TIMEOUT_S = 0.25  # base and arm stop by themselves when nobody speaks to them
+TIMEOUT_S = {"base": 0.25, "arm": 0.05}  # after which they stop by themselves when nobody speaks to them
 
 
 @dataclass
@@ -60,9 +60,9 @@ class Machine:
         while not self._closing.wait(PERIOD_S):
             now = time.monotonic()
             dt, before = now - before, now
-            if now - self._heard_s["base"] > TIMEOUT_S:
+            if now - self._heard_s["base"] > TIMEOUT_S["base"]:
                 self.velocity = np.zeros(2)
-            if now - self._heard_s["arm"] > TIMEOUT_S:
+            if now - self._heard_s["arm"] > TIMEOUT_S["arm"]:
                 self.joint_velocity = np.zeros(6)
             (v, w), yaw = self.velocity, self.place[2]
             self.place = self.place + dt * np.array([v * np.cos(yaw), v * np.sin(yaw), w])
