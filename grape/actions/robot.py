@@ -7,11 +7,13 @@ from typing import Any
 
 import numpy as np
 
+from grape.errors import InvalidInput
 from grape.geometry import transform
 from grape.kinematics import ArmModel, HandModel, read_body_pose, read_chain, read_shapes
 from grape.messages import Array
 from grape.planning import JointPlanner, LinkCapsule, PlannerOptions, SphereModel, StaticBox, build_sphere_model
 
+_LOCALIZED_BY = ("imu_link", "gnss_link")  # mounts that every mission's filter is made with
 _FINGER_RADIUS_M = 0.016
 _LOOP_HALF_LENGTH_M = 0.065
 _LOOP_HALF_WIDTH_M = 0.022
@@ -54,8 +56,9 @@ def build_robot(description: Any) -> Robot:
         description: `grape.robots.RobotDescription`.
 
     Raises:
-        InvalidInput: the MJCF lacks the arm's chain or a shape is of an unknown kind.
+        InvalidInput: a mount is missing, the MJCF lacks the arm's chain or a shape is of an unknown kind.
     """
+    _check_mounts(description)
     arm = ArmModel.from_mjcf(description.mjcf, description.arm.base_frame, description.arm.tip_frame)
     hand = HandModel(description.gripper)
     body, spread = (
@@ -76,6 +79,14 @@ def build_robot(description: Any) -> Robot:
             PlannerOptions(cable_budget_rad=limits.cable_turns),
         ),
     )
+
+
+def _check_mounts(description: Any) -> None:
+    on_base = [name for name, mount in description.mounts.items() if mount.parent == "base_link"]
+    for name in _LOCALIZED_BY:
+        if name not in on_base:
+            known = ", ".join(on_base) or "none"
+            raise InvalidInput(f"{description.name} needs a mount {name} on base_link; there are {known}")
 
 
 def _sphere_model(description: Any, hand: HandModel, finger_angle: float) -> SphereModel:

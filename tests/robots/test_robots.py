@@ -1,5 +1,6 @@
 """The descriptions of the robots say the same as their MJCFs, and the machines drive and stand."""
 
+from dataclasses import replace
 from functools import cache
 
 import mujoco
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 from grape.actions.robot import build_robot
+from grape.errors import InvalidInput
 from grape.geometry import inverse, pose
 from grape.robots.husky_jaco2 import DESCRIPTION as HUSKY
 from grape.robots.robi_jaco2 import DESCRIPTION as ROBI
@@ -148,6 +150,16 @@ def test_descriptions_cannot_be_changed(description):
         description.arm.poses["home"][0] = 0.0
     with pytest.raises(KeyError, match="mounted on hand"):
         description.T_base_link_sensor("wrist_lidar")
+
+
+@pytest.mark.parametrize("name", ["imu_link", "gnss_link"])
+def test_a_robot_without_the_mounts_that_it_is_localized_by_is_refused(name):
+    mounts = {other: mount for other, mount in HUSKY.mounts.items() if other != name}
+    text = f"husky_jaco2 needs a mount {name} on base_link; there are .*velodyne, front_laser"
+    with pytest.raises(InvalidInput, match=text):
+        build_robot(replace(HUSKY, mounts=mounts))
+    with pytest.raises(InvalidInput, match=text):
+        build_robot(replace(HUSKY, mounts={**mounts, name: replace(HUSKY.mounts[name], parent="hand")}))
 
 
 def test_the_arm_stands_alike_on_both_so_that_stops_and_plans_are_worth_the_same():
