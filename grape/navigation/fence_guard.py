@@ -47,8 +47,10 @@ class FenceGuard:
         """The largest of 1, 1/2, 1/4 and 0 by which a command of v (m/s), w (rad/s) keeps out of all polygons.
 
         Args:
-            pose: (3,) x y yaw of base_link in map.
+            pose: (3,) x y yaw of base_link in map; 0 where it is no number.
         """
+        if not np.isfinite(pose).all():
+            return 0.0
         near = self._near(pose, abs(v) * self.options.leave_s)
         if not near:
             return 1.0

@@ -41,6 +41,12 @@ def test_who_stands_in_a_fence_may_only_leave_it(guard):
     assert guard.factor(-0.01, 0.0, inside) == 0.0, "would take too long"
 
 
+@pytest.mark.parametrize("pose", np.where(np.eye(3, dtype=bool), np.nan, 0.0), ids=["x", "y", "yaw"])
+def test_pose_that_is_no_number_stops_the_base(guard, pose):
+    assert guard.factor(0.2, 0.0, pose) == 0.0
+    assert guard.factor(-0.2, 0.1, pose) == 0.0
+
+
 def test_robot_amid_a_large_polygon_is_inside():
     field = 10.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     assert FenceGuard([field], PRINT).factor(0.5, 0.0, np.zeros(3)) == 0.0
