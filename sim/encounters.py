@@ -28,9 +28,9 @@ class Encounters:
 
     def observe(self, T_map_base: Array, time_s: float) -> None:
         """Look at where everybody is."""
+        footprint = self._footprint @ T_map_base[:2, :2].T + T_map_base[:2, 3]  # map
         for k, (ends, radii) in enumerate(self._walkers.rods(time_s)):
-            local = (ends - T_map_base[:3, 3]) @ T_map_base[:3, :3]  # base_link
-            self.least_m[k] = min(self.least_m[k], distance_to_rods(self._footprint, local[..., :2], radii))
+            self.least_m[k] = min(self.least_m[k], distance_to_rods(footprint, ends[..., :2], radii))
 
     def summary(self, touched: Iterable[tuple[str, str]]) -> dict[str, Any]:
         """`walkers` of the truth, by id; `contacts` counts the parts of the robot that touched the walker.

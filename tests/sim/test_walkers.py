@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from grape.errors import InvalidInput
+from grape.geometry import pose, rotation_y
 from grape.robots.husky_jaco2 import DESCRIPTION
 from grape.sim.areas import distance_to_rods
+from grape.sim.encounters import Encounters
 from grape.sim.raycast import capsule_distances
 from grape.sim.simulation import Simulation, SimulationOptions
 from grape.sim.worlds import Terrain, VineyardOptions, WalkerOptions, generate_vineyard
@@ -148,6 +150,18 @@ def test_the_referee_tells_the_least_distance_and_no_contact(met):
     assert found["walkers"]["anna"]["contacts"] == 0 and found["collisions"] == []
     front = -3.0 + 0.495
     assert found["walkers"]["anna"]["least_distance_m"] == pytest.approx(-1.0 - 0.25 - front, abs=0.03)
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.15, -0.15])
+def test_the_least_distance_is_seen_from_above_on_a_slope_too(slope):
+    hill = replace(FLAT, heights=np.array([[-50.0, 50.0], [-50.0, 50.0]]) * slope)
+    anna = Walkers((WalkerOptions(id="anna", path=((1.5, 0.0),)),), hill)
+    footprint = np.array([[0.5, 0.3], [-0.5, 0.3], [-0.5, -0.3], [0.5, -0.3]])
+    encounters = Encounters(anna, footprint)
+    tilt = np.arctan(slope)
+    encounters.observe(pose(rotation_y(-tilt), (0.0, 0.0, 0.13)), 0.0)
+    nearest = 1.5 - 0.18 - 0.07  # a foot
+    assert encounters.least_m[0] == pytest.approx(nearest - 0.5 * np.cos(tilt), abs=0.005)
 
 
 def test_a_walker_who_runs_into_the_robot_touches_it_and_is_not_pushed():
