@@ -34,7 +34,7 @@ class MonotonicClock:
 class Beats:
     """Beats of a clock that nobody can hold: `wait` sleeps until the next one is due.
 
-    A beat that took too long is not made up for: the next one is due a whole period after it.
+    A beat that took too long is not made up for: the next one comes at once, and the one after it a whole period later.
 
     Args:
         sleep: lets so many seconds of the clock pass.

@@ -120,7 +120,7 @@ class ArmDescription(_Frozen):
     servo_lag: float  # s by which the joint servo trails a moving set-point (kv / kp)
     command_timeout: float  # s
     poses: Mapping[str, Array]  # (n,) rad: home, travel, ready_feeder, ready_left_fore, ready_left_aft
-    cable_turns: float  # rad that the last joint may be away from its unwound angle
+    cable_turns: float  # rad that a continuous joint may be away from its unwound angle
     unwound: Array  # (n,) rad: the winding that every cable starts from
     touch: TouchDescription | None = None  # None: the arm measures no torques
 

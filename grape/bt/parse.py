@@ -90,7 +90,12 @@ class Parser:
         if tag in self._trees:
             hint = f'a tree is called with <SubTree ID="{tag}"/>'
         self.problems.add(
-            element.problem(f"unknown node {tag!r}", "a node that `grape list` shows for the task", hint, attribute)
+            element.problem(
+                f"unknown node {tag!r}",
+                "a node that `grape list` shows for the task (`task` of a mission, `--task` of `grape check`)",
+                hint,
+                attribute,
+            )
         )
         return None
 

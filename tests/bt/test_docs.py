@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from grape.bt import load_tree, node_library
 from grape.errors import FileError, GoalRejected, Reason
 
 PAGE = Path(__file__).parents[2] / "docs" / "writing_an_action.md"
@@ -72,3 +73,10 @@ def test_a_goal_that_is_too_far_is_rejected(bench: SimpleNamespace, page: Module
 def test_the_task_of_the_page_names_its_nodes(page: ModuleType) -> None:
     names = [leaf.name for leaf in page.TASK.leaves]
     assert names == ["Creep", "DriveToPose", "WaitForLocalization", "Within"] and not page.TASK.serves_plants
+
+
+def test_the_tree_that_waits_first_is_one_of_the_task(bench: SimpleNamespace, page: ModuleType) -> None:
+    tree = bench.write(page.TREE.replace("<Fallback>", "<WaitForLocalization/><Fallback>", 1))
+    load_tree(tree, node_library(page.TASK.leaves))
+    with pytest.raises(FileError, match=r"unknown node 'WaitForLocalization'.*`--task` of `grape check`"):
+        page.load(tree)
