@@ -57,9 +57,10 @@ class SampledSensor(ABC, Generic[M]):
 
     def sample(self) -> None:
         """Note the present state; the simulation calls this at each due step."""
+        snapshot = self._snapshot()  # of a silent sensor too: rates are counted from one to the next
         if not self._frozen:
             clock = self._physics.clock
-            self._slots.append(_Slot(clock.step // self.period_steps, clock.now(), self._snapshot()))
+            self._slots.append(_Slot(clock.step // self.period_steps, clock.now(), snapshot))
 
     def freeze(self, frozen: bool = True) -> None:
         """Stop (or resume) sampling: the last message stays and grows old."""

@@ -72,6 +72,25 @@ def test_stays_parked_on_a_slope(simulate):
     assert creep_mm_per_minute < 2.0
 
 
+def test_speeds_after_a_silence_are_those_of_now(simulate):
+    from grape.sim.faults import FreezeSensor
+
+    simulation = simulate()
+    drivers, drive = simulation.drivers, lambda: simulation.drivers.base.send(0.4, 0.0)
+    beats(simulation, 0.2, drive)
+    for name in ("base", "imu"):
+        simulation.inject(FreezeSensor(name=name))
+    beats(simulation, 2.0, drive)
+    silent_since = drivers.base.latest().stamp
+    for name in ("base", "imu"):
+        simulation.inject(FreezeSensor(name=name, frozen=False))
+    beats(simulation, 0.1, drive)
+    first = drivers.base.since(silent_since)[0]
+    assert first.velocity * DESCRIPTION.base.wheel_radius == pytest.approx(np.full(4, 0.4), abs=0.05)
+    force = drivers.imu.since(silent_since)[0].linear_acceleration
+    assert abs(force[0]) < 1.0
+
+
 def test_old_data_is_refused(simulate):
     from grape.sim.faults import FreezeSensor
 
