@@ -16,7 +16,7 @@ Geom groups: 1 drawn only; 2 drawn and touched (feeder channels, nails); 3 colli
     `feeder_markers` are envelopes for planning without contact.
 Contact bits (a pair touches when contype of one meets conaffinity of the other):
     1 world (ground, vines, posts, spurs, nails in posts): contype 1, conaffinity 4;
-    2 robot bodies: contype 2, conaffinity 27 (hand and wrist: 31; wheels: 1; feeder: 24);
+    2 robot bodies: contype 2, conaffinity 27 (hand and wrist: 31; wheels: 9; feeder: 25);
     4 loops: contype 4, conaffinity 0, priority 1: their friction, solref and solimp hold in every contact they make;
     8 fingers and nails: contype 8, conaffinity 5;
     16 the feet in the welded ends of a loop: by them alone it lies in the feeder or on the base, which saves most of

@@ -1,5 +1,7 @@
 """What the referee sees of scenes that are set up by hand."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 import pytest
@@ -8,12 +10,15 @@ from grape.geometry import pose, rotation_z
 from grape.kinematics import ArmModel
 from grape.messages import Odometry
 from grape.robots.husky_jaco2 import DESCRIPTION
+from grape.robots.robi_jaco2 import DESCRIPTION as ROBI
 from grape.sim.areas import contains, passes_through, polygons_touch
-from grape.sim.compose import BASE_JOINT
+from grape.sim.compose import BASE_JOINT, compose
 from grape.sim.faults import DropDispenser
-from grape.sim.parts import Part
+from grape.sim.parts import Part, PartTable
+from grape.sim.simulation import Simulation, SimulationOptions
+from grape.sim.worlds import WalkerOptions
 from grape.sim.worlds.model import Label
-from tests.sim.conftest import over, place
+from tests.sim.conftest import over, place, small_world
 
 
 def beats(simulation, count, estimate=None):
@@ -174,6 +179,59 @@ def test_the_arm_in_the_deck_is_a_collision_with_itself(simulate):
     assert simulation.referee.collisions
     assert all(any(part in c.a + c.b for part in moving) for c in simulation.referee.collisions)
     assert truth(simulation)["max_plant_force_n"] == 0.0
+
+
+@pytest.mark.parametrize("robot", [DESCRIPTION, ROBI], ids=lambda robot: robot.name)
+def test_whatever_must_not_touch_can_touch(robot):
+    world = replace(small_world(), walkers=(WalkerOptions(id="anna", path=((3.0, 3.0),)),))
+    model = compose(world, robot, dispensers=1)
+    parts = PartTable.of(model, world, robot)
+    of, to = model.geom_contype, model.geom_conaffinity
+    meets = (of[:, None] & to[None, :]) != 0
+    forbidden = parts.matrix[parts.kinds[:, None], parts.kinds[None, :]]
+    names = np.array(parts.names)
+    never = np.argwhere(forbidden & ~(meets | meets.T))
+    assert {tuple(names[pair]) for pair in never} == set()
+
+
+def found_touching(simulation):
+    """Pairs that the referee counts as collisions where everything is now."""
+    physics = simulation._physics
+    physics.rearranged()
+    mujoco.mj_forward(physics.model, physics.data)
+    simulation.referee.watch()
+    return {frozenset((c.a, c.b)) for c in simulation.referee.collisions}
+
+
+@pytest.mark.parametrize("part", ["finger_2", "finger_2_tip", "nail_2"])
+def test_fingers_and_nails_in_a_wheel_are_a_collision(simulate, part):
+    simulation = simulate()
+    model, data = simulation._physics.model, simulation._physics.data
+    offset = data.body(part).xipos - data.body("base_link").xpos
+    model.body("wheel_front_left").pos[:] = data.body("base_link").xmat.reshape(3, 3).T @ offset
+    assert frozenset((part, "wheel_front_left")) in found_touching(simulation)
+
+
+def test_the_feeder_in_the_ground_or_a_wire_is_a_collision(simulate):
+    simulation = simulate()
+    physics = simulation._physics
+    address = physics.model.joint(BASE_JOINT).qposadr[0]
+    base = physics.data.qpos[address : address + 7]
+    feeder = physics.data.body("feeder").xpos - physics.data.body("base_link").xpos
+    wire = next(c for c in simulation.world.capsules if "wire0" in c.name)
+    base[:3] = (wire.p0 + wire.p1) / 2 - feeder - (0.0, 0.0765, 0.024)  # through the lips of a tray
+    assert frozenset(("feeder", wire.name)) in found_touching(simulation)
+    base[:] = -3.0, -1.3, 0.4, 0.0, 1.0, 0.0, 0.0  # on its back
+    assert frozenset(("feeder", "ground")) in found_touching(simulation)
+
+
+def test_a_walker_in_the_feeder_is_a_collision():
+    world = replace(small_world(), walkers=(WalkerOptions(id="anna", path=((3.0, 3.0),)),))
+    simulation = Simulation(world, DESCRIPTION, options=SimulationOptions(dispensers=0))
+    data = simulation._physics.data
+    data.mocap_pos[0] = data.body("feeder").xpos - (0.0, 0.0, 1.1)
+    assert frozenset(("feeder", "walker/anna")) in found_touching(simulation)
+    simulation.close()
 
 
 def test_entering_a_fence_counts_once(simulate):
