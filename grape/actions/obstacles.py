@@ -13,7 +13,6 @@ from grape.planning import Ball, DistanceField, build_distance_field, carve_dist
 # In world.committed, valid until the base moves:
 OBSTACLES = "obstacles"  # `Obstacles`: what was seen from this stop
 UNSEEN = "unseen"  # tuple of StaticBox in base_link: where things stand that nobody has looked at from this stop
-
 OBSTACLES_UP = "obstacles_up"  # in the ledger's memory of this stop, beside the cloud: its `Obstacles.up`
 
 
