@@ -31,6 +31,7 @@ LocalPlannerName = Annotated[str, names(LOCAL_PLANNERS)]
 GlobalPlannerName = Annotated[str, names(GLOBAL_PLANNERS)]
 PURE_PURSUIT, LEGS = "pure_pursuit", "legs"
 CONTROL_PERIOD_S = 0.05
+BRAKE = (1.0, 1.6)  # m/s^2 and rad/s^2, where the pose has become uncertain
 REPLAN_S = 2.0
 MAX_REPLANS = 8
 DETOUR_S = 6.0  # standing before a long way around is taken: who walked in may leave
@@ -189,13 +190,12 @@ class _Drive:
         self._start_path()
 
     def beat(self, base: BaseDriver) -> None:
-        """One beat: fresh data or standstill, then the follower's command."""
+        """One beat: the follower's command, or slowing down for want of fresh data."""
         now = self._ctx.clock.now()
         if now - self._begun_s > self._goal.timeout_s:
             raise ActionFailed(Reason.TIMEOUT, f"not there after {self._goal.timeout_s:.0f} s")
         if not self._senses.fresh(now):
-            self._command = (0.0, 0.0)
-            self._state = replace(self._state, command=self._command)
+            self._slow_down(now)
             self._progress.pause(now)
             base.send(*self._command)
             return
@@ -205,6 +205,18 @@ class _Drive:
             self._control(now)
         sent = base.send(*self._command)
         self._held_back = any(self._command) and not (sent.linear[0] or sent.angular[2])
+
+    def _slow_down(self, now: float) -> None:
+        """Stop where sensors are silent; uncertain of the pose alone, brake on the same arc: loops lie on the deck."""
+        v, w = self._command
+        share = 0.0
+        if not self._ctx.world.localized:
+            if not self._due.ask("control", now, CONTROL_PERIOD_S):
+                return
+            braking_s = max(abs(v) / BRAKE[0], abs(w) / BRAKE[1])
+            share = max(0.0, 1.0 - CONTROL_PERIOD_S / max(braking_s, CONTROL_PERIOD_S))
+        self._command = (share * v, share * w)
+        self._state = replace(self._state, command=self._command)
 
     def feedback(self) -> Feedback:
         """What a person wants to know of the drive."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -21,6 +22,8 @@ from grape.navigation.collision_monitor import CollisionMonitor, CollisionOption
 from grape.navigation.fence_guard import FenceGuard
 from grape.world import World
 
+BRAKING_S = 1.0  # in which a base whose pose has just become uncertain may come to rest by itself
+
 
 def guarded(drivers: Drivers, robot: Robot, world: World, clock: Clock, log: Recorder) -> Drivers:
     """The drivers of a robot with its base behind a guard, and its arm, if it measures torques."""
@@ -33,9 +36,13 @@ def guarded(drivers: Drivers, robot: Robot, world: World, clock: Clock, log: Rec
 def _guarded_base(drivers: Drivers, description: Any, world: World, clock: Clock, log: Recorder) -> GuardedBase:
     limits = description.base
     footprint = footprint_of(limits.footprint)
+    certain_s = -math.inf
 
     def pose() -> tuple[float, Array] | None:
-        if world.odometry is None or not world.localized:
+        nonlocal certain_s
+        if world.localized:
+            certain_s = clock.now()
+        if world.odometry is None or clock.now() - certain_s > BRAKING_S:
             return None
         T = world.odometry.pose
         return world.odometry.stamp, np.array([T[0, 3], T[1, 3], yaw_of(T)])

@@ -251,13 +251,16 @@ def test_robot_that_is_not_localized_does_not_drive(setting):
 
 def test_robot_that_stood_for_want_of_a_pose_is_not_stuck(setting):
     machine, ctx = setting()
+    sent = []
 
     def lose(now: float) -> None:
         machine.localized = not (3.0 < now % 20.0 < 17.0)
-        if not ctx.world.localized:
-            assert machine.v == 0.0
+        sent.append((now, machine.v))
 
     result, _ = drive(machine, ctx, DriveGoal(x=2.0, y=-0.835, yaw=0.0), lose)
+    lost = np.array([(now, v) for now, v in sent if 3.05 < now < 17.0])
+    assert (lost[lost[:, 0] > 4.0, 1] == 0.0).all(), "within a second it stands"
+    assert lost[0, 1] > 0.5 and np.diff(lost[:, 1]).min() > -0.06, "gently"
     assert abs(result.along_m) < 0.05 and machine.time_s > 17.0
 
 

@@ -349,3 +349,14 @@ def test_robot_deep_in_a_fence_says_so_and_stands():
     with pytest.raises(ActionFailed) as failed:
         bench.run(leave_fence(LeaveFenceGoal(), bench.ctx))
     assert failed.value.reason is Reason.FENCE and bench.sent == []
+
+
+def test_guard_lets_a_base_come_to_rest_whose_pose_has_become_uncertain_and_then_holds_it():
+    bench = Bench(np.array([[5.0, 5.0], [6.0, 5.0], [6.0, 6.0]]))
+    passed = []
+    for k in range(250):
+        bench.time_s = 0.01 * k
+        bench.estimate()
+        bench.ctx.world.localized = bench.time_s < 1.0
+        passed.append(bench.ctx.drivers.base.send(0.4, 0.0).linear[0])
+    assert passed[190] == 0.4 and passed[202:] == [0.0] * 48 and bench.told == ["pose"]
