@@ -1,7 +1,8 @@
-"""Fixtures for the tests of actions."""
+"""Fixtures for all tests, and a robot on paper for those of actions."""
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,18 @@ from grape.actions.robot import build_robot
 from grape.mission.ledger import SqliteLedger
 from grape.navigation.route import RouteOptions, park_beside
 from grape.robots.husky_jaco2 import DESCRIPTION
+
+
+@pytest.fixture(autouse=True)
+def signals_arrive() -> Iterator[None]:
+    """Signals reach the tests that send them, also where a shell ignores them for what it runs in its background."""
+    handlers = {signal.SIGINT: signal.default_int_handler, signal.SIGHUP: signal.SIG_DFL}
+    ignored = [number for number in handlers if signal.getsignal(number) is signal.SIG_IGN]
+    for number in ignored:
+        signal.signal(number, handlers[number])
+    yield
+    for number in ignored:
+        signal.signal(number, signal.SIG_IGN)
 
 
 @pytest.fixture(scope="session")

@@ -126,8 +126,13 @@ def least_clearance(q, arm, field):
 
 @njit(cache=True)
 def state_valid(q, arm, field):
-    """Whether nothing is nearer than the paddings."""
-    return _state_valid(q, arm, places(arm), field, arm[PADDINGS, 0], arm[PADDINGS, 1])
+    """1 where nothing is nearer than the paddings, 0 where something is, -1 where an angle is no number."""
+    total = 0.0
+    for angle in q:
+        total += angle
+    if not np.isfinite(total):
+        return -1
+    return 1 if _state_valid(q, arm, places(arm), field, arm[PADDINGS, 0], arm[PADDINGS, 1]) else 0
 
 
 @uncounted

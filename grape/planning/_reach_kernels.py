@@ -58,7 +58,7 @@ def _along(placements, axes, low, high, line, q, body, rotation_weight, sigma_fu
             for r in range(3):
                 J[3 + r, j] *= rotation_weight
         margin = min(margin, np.linalg.svd(J, full_matrices=False)[1][5] / sigma_full)
-        if margin <= least or not state_valid(q, shapes, field):
+        if margin <= least or state_valid(q, shapes, field) < 1:
             return 0.0
     return margin
 

@@ -88,7 +88,11 @@ class StateChecker:
     def is_valid(self, q: Array) -> bool:
         """Whether nothing is nearer than the paddings at joint angles `q` (n,) rad."""
         self.checked += 1
-        return _kernels().state_valid(self._joints(q), self._arm, self._distance)
+        q = np.ascontiguousarray(q, float)
+        found = _kernels().state_valid(q, self._arm, self._distance) if q.shape == self._shape else -1
+        if found < 0:
+            raise self._refusal(q)
+        return found == 1
 
     def clearance(self, q: Array) -> float:
         """What is left of the smallest gap after the padding, m; negative when too near, at most the field's reach."""
@@ -144,8 +148,11 @@ class StateChecker:
     def _joints(self, q: Array) -> Array:
         q = np.ascontiguousarray(q, float)
         if q.shape != self._shape or not isfinite(sum(q.tolist())):
-            raise InvalidInput(f"joint angles must be finite and have shape {self._shape}, got {q}")
+            raise self._refusal(q)
         return q
+
+    def _refusal(self, q: Array) -> InvalidInput:
+        return InvalidInput(f"joint angles must be finite and have shape {self._shape}, got {q}")
 
 
 def packed(model: SphereModel, field: DistanceField, options: CheckerOptions) -> Array:
