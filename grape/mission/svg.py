@@ -143,7 +143,7 @@ def interval_chart(rows: Sequence[tuple[str, float, tuple[float, float], str]], 
     if not rows:
         return '<p class="none">no data</p>'
     height = 22.0 * len(rows)
-    frame = Frame(left=210, top=20, width=width - 370, height=height, x=(0.0, 1.0), y=(0.0, len(rows)), up=False)
+    frame = Frame(left=210, top=20, width=width - 410, height=height, x=(0.0, 1.0), y=(0.0, len(rows)), up=False)
     parts = []
     for value in ticks(0.0, 1.0):
         x, _ = frame.at(value, 0.0)
