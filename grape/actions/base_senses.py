@@ -67,6 +67,7 @@ class BaseSenses:
         scan_pose: (3,) x y yaw of base_link in map when the last of them was taken.
         arrived: (n, 2) m in map, outside rows and fences, where something is that was not there a second ago.
         local: costs around the robot; None before the first `update`.
+        silent: what was too old when `fresh` was asked last, pose estimate or sensor; empty when nothing was.
     """
 
     def __init__(self, ctx: Context, targets: Array) -> None:
@@ -78,6 +79,7 @@ class BaseSenses:
         self.points, self.scan_pose = np.empty((0, 2)), np.zeros(3)
         self.arrived = np.empty((0, 2))
         self.local: Costmap | None = None
+        self.silent = ""
         self._watches: dict[str, NewcomerWatch] = {}
         self._due = Due()
         self._fresh_s = ctx.clock.now()
@@ -104,6 +106,7 @@ class BaseSenses:
                     driver.latest(MAX_AGE_S)
                 except StaleData:
                     old = name
+        self.silent = old
         lost = not self._ctx.world.localized
         if not old and not lost:
             self._fresh_s = now

@@ -210,7 +210,7 @@ class _Drive:
         """Stop where sensors are silent; uncertain of the pose alone, brake on the same arc: loops lie on the deck."""
         v, w = self._command
         share = 0.0
-        if not self._ctx.world.localized:
+        if not self._senses.silent:
             if not self._due.ask("control", now, CONTROL_PERIOD_S):
                 return
             braking_s = max(abs(v) / BRAKE[0], abs(w) / BRAKE[1])

@@ -264,15 +264,17 @@ def test_robot_that_stood_for_want_of_a_pose_is_not_stuck(setting):
     assert abs(result.along_m) < 0.05 and machine.time_s > 17.0
 
 
-def test_laser_that_falls_silent_stops_the_base_and_ends_the_drive(setting):
+@pytest.mark.parametrize(("lost", "reason"), [(False, Reason.STALE_DATA), (True, Reason.NOT_LOCALIZED)])
+def test_laser_that_falls_silent_stops_the_base_and_ends_the_drive(setting, lost, reason):
     machine, ctx = setting()
 
     def break_laser(now: float) -> None:
         machine.laser_works = now < 3.0
+        machine.localized = now < 3.0 or not lost
         if now > 3.3:
             assert machine.v == 0.0
 
-    assert failure((machine, ctx), DriveGoal(x=4.0, y=-0.835, yaw=0.0), break_laser).reason is Reason.STALE_DATA
+    assert failure((machine, ctx), DriveGoal(x=4.0, y=-0.835, yaw=0.0), break_laser).reason is reason
 
 
 def test_blocked_lane_without_a_way_around_stops_the_robot_before_the_obstacle(setting):
